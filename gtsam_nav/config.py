@@ -1,0 +1,99 @@
+"""The whole configuration: assembles the settings that live beside their algorithms."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import ValidationError
+
+from gtsam_nav.ekf.settings import DeadReckoningSettings
+from gtsam_nav.errors import ConfigError
+from gtsam_nav.evaluation.settings import EvaluationSettings
+from gtsam_nav.graph.settings import GraphSettings
+from gtsam_nav.preprocess.gnss_policy import GnssSettings
+from gtsam_nav.registration.settings import PicSettings
+from gtsam_nav.settings import Settings
+from gtsam_nav.sonar.settings import SonarSettings
+
+
+class Config(Settings):
+    """How to treat a mission. ``gtsam-nav config dump`` prints all of it with its defaults."""
+
+    seed: int = 0
+    gnss: GnssSettings = GnssSettings()
+    dr: DeadReckoningSettings = DeadReckoningSettings()
+    sonar: SonarSettings = SonarSettings()
+    pic: PicSettings = PicSettings()
+    graph: GraphSettings = GraphSettings()
+    evaluation: EvaluationSettings = EvaluationSettings()
+
+    def to_yaml(self) -> str:
+        """The resolved configuration as YAML, in the order of the fields."""
+        return yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False)
+
+
+def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> Config:
+    """Read a configuration file and apply ``key=value`` overrides.
+
+    Parameters
+    ----------
+    path : Path, optional
+        YAML; what it does not name keeps its default.
+    overrides : sequence of str
+        ``gnss.use=window`` and the like; values are read as YAML.
+
+    Raises
+    ------
+    ConfigError
+        Where the file is not YAML, or a key is unknown, or a value is out of range.
+    """
+    tree: dict[str, Any] = {}
+    if path is not None:
+        try:
+            loaded = yaml.safe_load(path.read_text(encoding="utf-8"))
+        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+            raise ConfigError(f"{path}: cannot read the configuration: {error}") from error
+        if not isinstance(loaded, dict | None):
+            raise ConfigError(f"{path}: the configuration must be a map of sections")
+        tree = loaded or {}
+    for override in overrides:
+        _apply_override(tree, override)
+    try:
+        return Config.model_validate(tree)
+    except ValidationError as error:
+        raise ConfigError(_explain(error, path)) from error
+
+
+def _apply_override(tree: dict[str, Any], override: str) -> None:
+    key, equals, text = override.partition("=")
+    if not equals or not key.strip():
+        raise ConfigError(f"'{override}' is not of the form key=value, as in gnss.use=none")
+    try:
+        value = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise ConfigError(f"'{override}': the value is not YAML") from error
+    *sections, last = key.strip().split(".")
+    for section in sections:
+        branch = tree.setdefault(section, {})
+        if not isinstance(branch, dict):
+            raise ConfigError(f"'{override}': '{section}' is not a section")
+        tree = branch
+    tree[last] = value
+
+
+def _explain(error: ValidationError, path: Path | None) -> str:
+    """One line that names the first offending key and the choices beside it."""
+    first = error.errors()[0]
+    location = [str(part) for part in first["loc"]]
+    key = ".".join(location)
+    where = f"{path}: " if path is not None else ""
+    if first["type"] != "extra_forbidden":
+        return f"{where}config key '{key}': {first['msg']}"
+    section: Any = Config()
+    for part in location[:-1]:
+        section = getattr(section, part)
+    choices = ", ".join(type(section).model_fields)
+    return f"{where}unknown config key '{key}'; the choices are: {choices}"

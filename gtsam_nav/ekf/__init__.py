@@ -1,0 +1,1 @@
+"""Reference filters: NumPy only, never GTSAM."""

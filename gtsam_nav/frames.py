@@ -1,0 +1,167 @@
+"""Geodesy, rotations and angles: the only place where frames are converted.
+
+Rotation matrices are stacked as (..., 3, 3); quaternions are ``wxyz`` and scalar-first everywhere;
+``rpy`` is roll, pitch, yaw in radians with ``R = Rz(yaw) Ry(pitch) Rx(roll)``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+EARTH_RATE_RAD_S = 7.292115e-5
+"""WGS-84 Earth rotation rate."""
+
+ENU_FROM_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+"""Maps NED coordinates to ENU, and back: the matrix is its own inverse."""
+
+FLU_FROM_FRD = np.diag([1.0, -1.0, -1.0])
+"""Maps forward-right-down coordinates to forward-left-up, and back."""
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Origin of the local NED frame on WGS-84."""
+
+    latitude_deg: float
+    longitude_deg: float
+    height_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (-90.0 <= self.latitude_deg <= 90.0):
+            raise ValueError(f"latitude_deg is {self.latitude_deg}; it must lie in [-90, 90]")
+        if not (-180.0 <= self.longitude_deg <= 360.0):
+            raise ValueError(f"longitude_deg is {self.longitude_deg}; it must lie in [-180, 360]")
+        if not np.isfinite(self.height_m):
+            raise ValueError(f"height_m is {self.height_m}; it must be finite")
+
+
+def wrap_angle(angle: ArrayLike) -> Array:
+    """Wrap angles to [-pi, pi)."""
+    return np.asarray((np.asarray(angle, dtype=float) + np.pi) % (2.0 * np.pi) - np.pi)
+
+
+def rotation_from_rpy(rpy: ArrayLike) -> Array:
+    """Rotation matrices R_nb from roll, pitch, yaw.
+
+    Parameters
+    ----------
+    rpy : array_like, shape (..., 3)
+        Radians.
+
+    Returns
+    -------
+    ndarray, shape (..., 3, 3)
+    """
+    angles = np.asarray(rpy, dtype=float)
+    cr, cp, cy = np.moveaxis(np.cos(angles), -1, 0)
+    sr, sp, sy = np.moveaxis(np.sin(angles), -1, 0)
+    rows = (
+        (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
+        (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
+        (-sp, cp * sr, cp * cr),
+    )
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def rpy_from_rotation(R: ArrayLike) -> Array:  # noqa: N803
+    """Roll, pitch, yaw of rotation matrices, shape (..., 3), radians."""
+    m = np.asarray(R, dtype=float)
+    roll = np.arctan2(m[..., 2, 1], m[..., 2, 2])
+    pitch = np.arcsin(np.clip(-m[..., 2, 0], -1.0, 1.0))
+    yaw = np.arctan2(m[..., 1, 0], m[..., 0, 0])
+    return np.stack([roll, pitch, yaw], axis=-1)
+
+
+def quaternion_from_rotation(R: ArrayLike) -> Array:  # noqa: N803
+    """Unit quaternions ``wxyz`` with w >= 0 of rotation matrices, shape (..., 4)."""
+    from scipy.spatial.transform import Rotation
+
+    m = np.asarray(R, dtype=float)
+    flat = Rotation.from_matrix(m.reshape(-1, 3, 3)).as_quat(canonical=True)
+    return np.asarray(flat[:, [3, 0, 1, 2]].reshape(*m.shape[:-2], 4))
+
+
+def rotation_from_quaternion(q_wxyz: ArrayLike) -> Array:
+    """Rotation matrices of quaternions ``wxyz``, shape (..., 3, 3); normalises first."""
+    q = np.asarray(q_wxyz, dtype=float)
+    w, x, y, z = np.moveaxis(q / np.linalg.norm(q, axis=-1, keepdims=True), -1, 0)
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def quaternion_from_rpy(rpy: ArrayLike) -> Array:
+    """Unit quaternions ``wxyz`` of roll, pitch, yaw, shape (..., 4)."""
+    return quaternion_from_rotation(rotation_from_rpy(rpy))
+
+
+def rpy_from_quaternion(q_wxyz: ArrayLike) -> Array:
+    """Roll, pitch, yaw of quaternions ``wxyz``, shape (..., 3), radians."""
+    return rpy_from_rotation(rotation_from_quaternion(q_wxyz))
+
+
+def skew(v: ArrayLike) -> Array:
+    """Cross-product matrices [v]x, shape (..., 3, 3)."""
+    x, y, z = np.moveaxis(np.asarray(v, dtype=float), -1, 0)
+    o = np.zeros_like(x)
+    return np.stack(
+        [np.stack([o, -z, y], -1), np.stack([z, o, -x], -1), np.stack([-y, x, o], -1)], axis=-2
+    )
+
+
+def ned_from_geodetic(
+    latitude_deg: ArrayLike, longitude_deg: ArrayLike, height_m: ArrayLike, origin: Origin
+) -> Array:
+    """Local NED coordinates of WGS-84 positions, shape (n, 3), metres."""
+    import pymap3d
+
+    return np.stack(
+        pymap3d.geodetic2ned(
+            np.asarray(latitude_deg, dtype=float),
+            np.asarray(longitude_deg, dtype=float),
+            np.asarray(height_m, dtype=float),
+            origin.latitude_deg,
+            origin.longitude_deg,
+            origin.height_m,
+        ),
+        axis=-1,
+    )
+
+
+def geodetic_from_ned(p_n: ArrayLike, origin: Origin) -> tuple[Array, Array, Array]:
+    """Latitude (deg), longitude (deg) and height (m) of local NED positions (n, 3)."""
+    import pymap3d
+
+    n, e, d = np.moveaxis(np.asarray(p_n, dtype=float), -1, 0)
+    lat, lon, h = pymap3d.ned2geodetic(
+        n, e, d, origin.latitude_deg, origin.longitude_deg, origin.height_m
+    )
+    return np.asarray(lat), np.asarray(lon), np.asarray(h)
+
+
+def gravity_m_s2(latitude_deg: float, height_m: float = 0.0) -> float:
+    """WGS-84 normal gravity (Somigliana) with the second-order height correction.
+
+    Groves, *Principles of GNSS, Inertial and Multisensor Integrated Navigation Systems*,
+    equations (2.134) and (2.139).
+    """
+    s2 = np.sin(np.radians(latitude_deg)) ** 2
+    surface = 9.7803253359 * (1 + 0.001931853 * s2) / np.sqrt(1 - 0.0818191908425**2 * s2)
+    f, a, mu, b = 1 / 298.257223563, 6378137.0, 3.986004418e14, 6356752.31425
+    ratio = EARTH_RATE_RAD_S**2 * a**2 * b / mu
+    slope = 1 - 2 / a * (1 + f * (1 - 2 * s2) + ratio) * height_m + 3 / a**2 * height_m**2
+    return float(surface * slope)
+
+
+def earth_rate_n(latitude_deg: float) -> Array:
+    """Earth rotation in local NED, shape (3,), rad/s."""
+    lat = np.radians(latitude_deg)
+    return EARTH_RATE_RAD_S * np.array([np.cos(lat), 0.0, -np.sin(lat)])

@@ -1,0 +1,1 @@
+"""The factor graph: the only package that imports gtsam."""

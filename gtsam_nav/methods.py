@@ -1,0 +1,63 @@
+"""The registry of estimation methods."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from importlib import import_module
+
+from gtsam_nav.config import Config
+from gtsam_nav.errors import ConfigError
+from gtsam_nav.mission import Mission
+from gtsam_nav.preprocess.gnss_policy import split_fixes
+from gtsam_nav.solution import Progress, Solution, no_progress
+
+Method = Callable[[Mission, Config, Progress], Solution]
+
+_METHODS = {
+    "dr": "gtsam_nav.ekf.dead_reckoning",
+    "graph": "gtsam_nav.graph.estimator",
+}
+
+
+def methods() -> tuple[str, ...]:
+    """Names that `estimate` takes."""
+    return tuple(_METHODS)
+
+
+def estimate(
+    mission: Mission,
+    method: str = "graph",
+    config: Config | None = None,
+    progress: Progress = no_progress,
+) -> Solution:
+    """Estimate the trajectory of a mission.
+
+    The method sees neither the mission's reference nor the fixes that the GNSS policy withholds.
+
+    Parameters
+    ----------
+    mission : Mission
+    method : str
+        One of `methods`.
+    config : Config, optional
+        Defaults that hold for every mission where absent.
+    progress : Progress, optional
+        Called as the work goes on.
+
+    Raises
+    ------
+    ConfigError
+        For an unknown method.
+    DataError
+        Where the mission lacks what the method needs.
+    EstimationError
+        Where the estimator fails.
+    """
+    if method not in _METHODS:
+        raise ConfigError(f"unknown method '{method}'; the choices are: {', '.join(_METHODS)}")
+    config = config or Config()
+    blind, reference, n_withheld = split_fixes(mission, config.gnss)
+    run: Method = import_module(_METHODS[method]).estimate
+    solution = run(blind, config, progress)
+    return replace(solution, reference=reference, gnss_withheld=n_withheld)

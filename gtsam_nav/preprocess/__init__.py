@@ -1,0 +1,1 @@
+"""From raw columns to the series that an estimator may trust."""

@@ -1,0 +1,107 @@
+"""Which GNSS fixes an estimator may use, and which it is scored on: never both."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from gtsam_nav.mission import Mission, ReferenceSeries, Sensor
+from gtsam_nav.settings import Settings
+
+DEFAULT_WINDOW_S = (0.0, 300.0)
+"""Used fixes of a mission whose only truth is its GNSS."""
+
+
+class GnssSettings(Settings):
+    """GNSS policy and treatment.
+
+    Attributes
+    ----------
+    use : {"all", "none", "every_k", "window", "gaps"} or None
+        None means ``all`` where the mission has a separate reference, else ``window``.
+    every_k : int
+        With ``every_k``: fixes 0, k, 2k, ... are used.
+    window_s : (float, float)
+        With ``window``: fixes of this half-open span are used.
+    gaps_s : tuple of (float, float)
+        With ``gaps``: fixes of these half-open spans are withheld.
+    use_height : bool
+        Use GNSS height although the mission has a depth sensor.
+    huber_k : float
+        Huber threshold on the whitened residual.
+    gate_probability : float
+        A fix is rejected where its innovation is less likely than one minus this.
+    """
+
+    use: Literal["all", "none", "every_k", "window", "gaps"] | None = None
+    every_k: int = Field(default=30, ge=1)
+    window_s: tuple[float, float] = DEFAULT_WINDOW_S
+    gaps_s: tuple[tuple[float, float], ...] = ()
+    use_height: bool = False
+    huber_k: float = Field(default=1.345, gt=0)
+    gate_probability: float = Field(default=0.9999, gt=0, lt=1)
+
+    @model_validator(mode="after")
+    def _spans_are_ordered(self) -> GnssSettings:
+        for start, stop in (self.window_s, *self.gaps_s):
+            if not start < stop:
+                raise ValueError(f"the span [{start}, {stop}] is empty; start must be before stop")
+        return self
+
+
+def split_fixes(mission: Mission, settings: GnssSettings) -> tuple[Mission, Sensor | None, int]:
+    """Separate what an estimator sees from what it is scored on.
+
+    Parameters
+    ----------
+    mission : Mission
+        With its reference and all of its fixes.
+    settings : GnssSettings
+
+    Returns
+    -------
+    blind : Mission
+        Without the reference and without the withheld fixes.
+    reference : Sensor or None
+        The mission's reference; without one, the withheld fixes of its first receiver.
+    n_withheld : int
+        Number of withheld fixes over all receivers.
+    """
+    use = settings.use or ("all" if mission.reference is not None else "window")
+    blind = mission.without(*[s.name for s in mission.sensors.values() if s.type == "reference"])
+    reference = mission.reference
+    n_withheld = 0
+    for sensor in mission.of_type("gnss"):
+        t = sensor.series.t
+        if use == "all":
+            used = np.ones(len(t), dtype=bool)
+        elif use == "none":
+            used = np.zeros(len(t), dtype=bool)
+        elif use == "every_k":
+            used = np.arange(len(t)) % settings.every_k == 0
+        elif use == "window":
+            used = (t >= settings.window_s[0]) & (t < settings.window_s[1])
+        else:
+            used = ~np.any([(t >= a) & (t < b) for a, b in settings.gaps_s] or [t < t[0]], axis=0)
+        n_withheld += int(np.sum(~used))
+        blind = blind.with_sensor(replace(sensor, series=sensor.series.select(used)))
+        if reference is None and np.any(~used):
+            reference = reference_from_fixes(replace(sensor, series=sensor.series.select(~used)))
+    return blind, reference, n_withheld
+
+
+def reference_from_fixes(gnss: Sensor) -> Sensor:
+    """GNSS fixes as a horizontal reference at their antenna."""
+    series = gnss.series
+    assert series.TYPE == "gnss"
+    reference = ReferenceSeries(
+        t=series.t,
+        row=series.row,
+        p_n=getattr(series, "p_n"),  # noqa: B009
+        sigma=np.hypot(series.sigma[:, 0], series.sigma[:, 1]) / np.sqrt(2),  # type: ignore[attr-defined]
+        vertical_usable=False,
+    )
+    return replace(gnss, name=f"{gnss.name} (withheld)", type="reference", series=reference)

@@ -1,0 +1,1 @@
+"""Pairwise registration of point sets: stateless, one protocol, one result type."""

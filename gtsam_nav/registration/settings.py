@@ -1,0 +1,40 @@
+"""Settings of the registration methods."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from gtsam_nav.settings import Settings
+
+
+class PicSettings(Settings):
+    """Probabilistic iterative correspondence.
+
+    Attributes
+    ----------
+    association : {"mean", "nearest"}
+        Pair a point with the covariance-weighted mean of its compatible points, or with the
+        nearest of them.
+    gate : float
+        Chi-square gate (2 degrees of freedom) of the association.
+    max_iterations : int
+    shrink : float
+        Factor on the prior covariance in the gate after each iteration.
+    cauchy_k : float
+        Scale of the Cauchy weight on the whitened residual.
+    min_overlap : float
+        Least share of points that must pair.
+    floor_xy_m, floor_yaw_deg : float
+        The match's standard deviations are never stated smaller.
+    """
+
+    association: Literal["mean", "nearest"] = "mean"
+    gate: float = Field(default=5.99, gt=0)
+    max_iterations: int = Field(default=60, ge=1)
+    shrink: float = Field(default=0.6, gt=0, le=1)
+    cauchy_k: float = Field(default=1.5, gt=0)
+    min_overlap: float = Field(default=0.4, ge=0, le=1)
+    floor_xy_m: float = Field(default=0.1, ge=0)
+    floor_yaw_deg: float = Field(default=0.5, ge=0)

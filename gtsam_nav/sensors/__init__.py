@@ -1,0 +1,1 @@
+"""Sensor models: noise, mounting, gate and prediction, one sensor a module."""

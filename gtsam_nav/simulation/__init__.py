@@ -1,0 +1,1 @@
+"""Simulated missions: a world, a vehicle, its sensors and their faults."""

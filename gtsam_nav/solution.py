@@ -1,0 +1,163 @@
+"""What every estimation method returns."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
+
+from gtsam_nav.frames import Array
+from gtsam_nav.mission import (
+    Mission,
+    Rejection,
+    Sensor,
+    SonarKind,
+)
+from gtsam_nav.trajectory import Trajectory
+
+
+class Progress(Protocol):
+    """Told how far a stage of the work has come, 0 to 1."""
+
+    def __call__(self, stage: str, fraction: float) -> None: ...
+
+
+def no_progress(stage: str, fraction: float) -> None:
+    """The progress callback of those who do not listen."""
+
+
+class StageClock:
+    """Collects the wall time of named stages, in the order they first ran."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Add the time spent inside to a stage."""
+        begin = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begin
+
+
+@dataclass(frozen=True)
+class LoopClosure:
+    """One candidate match between two scans, whatever became of it.
+
+    ``dx_m, dy_m, dyaw`` is the pose of scan b in scan a (forward, starboard, clockwise rad); NaN
+    where the registration failed. ``score`` is the share of points that paired, ``weight`` what the
+    robust kernel left of an accepted one in the final solution.
+    """
+
+    t_a: float
+    t_b: float
+    dx_m: float
+    dy_m: float
+    dyaw: float
+    sigma_x_m: float
+    sigma_y_m: float
+    sigma_yaw: float
+    score: float
+    verdict: Literal["accepted", "rejected"]
+    reason: str
+    weight: float | None = None
+
+
+@dataclass(frozen=True)
+class SlowStates:
+    """Biases and other slowly varying nuisance states with their standard deviations.
+
+    ``columns`` maps a name with its unit (``gyro_z_rad_s``, ``heading_bias_rad``, ...) to values
+    and sigmas, each of shape (n,).
+    """
+
+    t: Array
+    columns: Mapping[str, tuple[Array, Array]]
+
+
+@dataclass(frozen=True)
+class Innovations:
+    """Normalised innovation squared of one sensor's updates."""
+
+    t: Array
+    nis: Array
+    dof: int
+
+
+@dataclass(frozen=True)
+class PoseGraphEdge:
+    """A relative pose between two vertices: R, t of b in a, information in (rot, trans) order."""
+
+    a: int
+    b: int
+    R_ab: Array
+    p_a: Array
+    information: Array
+
+
+@dataclass(frozen=True)
+class PoseGraph:
+    """The keyframes and relative measurements of a graph solution, for export."""
+
+    t: Array
+    p_n: Array
+    q_nb_wxyz: Array
+    edges: tuple[PoseGraphEdge, ...]
+
+
+@dataclass(frozen=True)
+class SonarMap:
+    """Echoes in local NED: positions (k, 3) m, times (k,) s and strengths (k,) 0..255."""
+
+    points_n: Array
+    t: Array
+    strength: Array
+
+
+@dataclass(frozen=True)
+class Solution:
+    """The result of one estimation method on one mission.
+
+    Attributes
+    ----------
+    method : str
+    trajectory : Trajectory
+        At 10 Hz or better.
+    online : Trajectory or None
+        The causal estimate of each keyframe when it entered, where the method has one.
+    reference : Sensor or None
+        What the solution may be scored on: the mission's reference, or the fixes that the GNSS
+        policy withheld.
+    rejections : tuple of Rejection
+        Every measurement that was not used, the reader's included.
+    warnings : tuple of str
+        Degradations that the user must hear of.
+    stage_s : mapping
+        Wall time of each stage.
+    """
+
+    method: str
+    trajectory: Trajectory
+    mission: Mission
+    online: Trajectory | None = None
+    reference: Sensor | None = None
+    loops: tuple[LoopClosure, ...] = ()
+    rejections: tuple[Rejection, ...] = ()
+    warnings: tuple[str, ...] = ()
+    slow_states: SlowStates | None = None
+    innovations: Mapping[str, Innovations] = field(default_factory=dict)
+    pose_graph: PoseGraph | None = None
+    sonar_map: SonarMap | None = None
+    gnss_used: int = 0
+    gnss_withheld: int = 0
+    n_keyframes: int = 0
+    stage_s: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def sonar_kind(self) -> SonarKind | None:
+        """Whether the sonar that was used is recorded or simulated."""
+        return self.mission.sonar_kind

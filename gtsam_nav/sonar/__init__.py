@@ -1,0 +1,1 @@
+"""Scanning sonar: from echo profiles to scans and maps."""

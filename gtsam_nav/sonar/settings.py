@@ -1,0 +1,55 @@
+"""Settings of the sonar's processing."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from gtsam_nav.settings import Settings
+
+
+class SegmentationSettings(Settings):
+    """From an echo profile to echoes.
+
+    Attributes
+    ----------
+    min_range_m, max_range_m : float
+        Ranges that are looked at; nearer ones hold the ring-down of the head.
+    threshold_sigmas : float
+        An echo stands this many noise deviations above the noise floor of its range.
+    min_intensity : int
+        Nothing weaker is an echo.
+    min_separation_m : float
+        Of two peaks closer together the weaker is dropped.
+    max_echoes : int
+        Strongest echoes kept a beam.
+    """
+
+    min_range_m: float = Field(default=2.0, ge=0)
+    max_range_m: float = Field(default=60.0, gt=0)
+    threshold_sigmas: float = Field(default=6.0, gt=0)
+    min_intensity: int = Field(default=40, ge=1, le=255)
+    min_separation_m: float = Field(default=2.0, gt=0)
+    max_echoes: int = Field(default=2, ge=1)
+
+
+class ScanSettings(Settings):
+    """From beams to scans.
+
+    Attributes
+    ----------
+    min_points : int
+        A scan with fewer points is not registered.
+    max_gap_s : float
+        A longer silence of the sonar ends a scan.
+    """
+
+    min_points: int = Field(default=20, ge=3)
+    max_gap_s: float = Field(default=3.0, gt=0)
+
+
+class SonarSettings(Settings):
+    """Everything about the scanning sonar."""
+
+    use: bool = True
+    segmentation: SegmentationSettings = SegmentationSettings()
+    scans: ScanSettings = ScanSettings()

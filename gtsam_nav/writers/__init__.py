@@ -1,0 +1,1 @@
+"""Trajectories, graphs, maps and mission folders on disk."""
