@@ -25,14 +25,16 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+# at once, so that the function and not the module of that name is the package's `methods`
+from gtsam_nav.methods import estimate as estimate
+from gtsam_nav.methods import methods as methods
+
 if TYPE_CHECKING:
     from gtsam_nav.config import Config as Config
     from gtsam_nav.config import load_config as load_config
     from gtsam_nav.evaluation.metrics import Metrics as Metrics
     from gtsam_nav.evaluation.metrics import evaluate as evaluate
     from gtsam_nav.evaluation.report import write_report as write_report
-    from gtsam_nav.methods import estimate as estimate
-    from gtsam_nav.methods import methods as methods
     from gtsam_nav.mission import Mission as Mission
     from gtsam_nav.readers import open_mission as open_mission
     from gtsam_nav.simulation import simulate as simulate
@@ -48,8 +50,6 @@ _PUBLIC = {
     "Metrics": "evaluation.metrics",
     "evaluate": "evaluation.metrics",
     "write_report": "evaluation.report",
-    "estimate": "methods",
-    "methods": "methods",
     "Mission": "mission",
     "open_mission": "readers",
     "simulate": "simulation",
@@ -58,7 +58,7 @@ _PUBLIC = {
     "write_run": "writers.run_folder",
 }
 
-__all__ = sorted(_PUBLIC)
+__all__ = sorted([*_PUBLIC, "estimate", "methods"])
 
 
 def __getattr__(name: str) -> Any:

@@ -14,6 +14,7 @@ from gtsam_nav.errors import ConfigError
 from gtsam_nav.evaluation.settings import EvaluationSettings
 from gtsam_nav.graph.settings import GraphSettings
 from gtsam_nav.preprocess.gnss_policy import GnssSettings
+from gtsam_nav.preprocess.settings import MotionSettings
 from gtsam_nav.registration.settings import PicSettings
 from gtsam_nav.settings import Settings
 from gtsam_nav.sonar.settings import SonarSettings
@@ -24,6 +25,7 @@ class Config(Settings):
 
     seed: int = 0
     gnss: GnssSettings = GnssSettings()
+    motion: MotionSettings = MotionSettings()
     dr: DeadReckoningSettings = DeadReckoningSettings()
     sonar: SonarSettings = SonarSettings()
     pic: PicSettings = PicSettings()

@@ -68,16 +68,18 @@ def rotation_from_rpy(rpy: ArrayLike) -> Array:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def rpy_from_rotation(R: ArrayLike) -> Array:  # noqa: N803
+def rpy_from_rotation(R: ArrayLike) -> Array:
     """Roll, pitch, yaw of rotation matrices, shape (..., 3), radians."""
     m = np.asarray(R, dtype=float)
-    roll = np.arctan2(m[..., 2, 1], m[..., 2, 2])
-    pitch = np.arcsin(np.clip(-m[..., 2, 0], -1.0, 1.0))
     yaw = np.arctan2(m[..., 1, 0], m[..., 0, 0])
+    # what yaw leaves over, Ry(pitch) Rx(roll), is exact where pitch nears 90 degrees too
+    c, s = np.cos(yaw), np.sin(yaw)
+    pitch = np.arctan2(-m[..., 2, 0], c * m[..., 0, 0] + s * m[..., 1, 0])
+    roll = np.arctan2(s * m[..., 0, 2] - c * m[..., 1, 2], c * m[..., 1, 1] - s * m[..., 0, 1])
     return np.stack([roll, pitch, yaw], axis=-1)
 
 
-def quaternion_from_rotation(R: ArrayLike) -> Array:  # noqa: N803
+def quaternion_from_rotation(R: ArrayLike) -> Array:
     """Unit quaternions ``wxyz`` with w >= 0 of rotation matrices, shape (..., 4)."""
     from scipy.spatial.transform import Rotation
 

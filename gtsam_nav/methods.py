@@ -1,18 +1,24 @@
-"""The registry of estimation methods."""
+"""The registry of estimation methods.
+
+The package imports this module at once, since its name is also that of a function: it imports
+nothing else before it is called.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
 from importlib import import_module
+from typing import TYPE_CHECKING
 
-from gtsam_nav.config import Config
 from gtsam_nav.errors import ConfigError
-from gtsam_nav.mission import Mission
-from gtsam_nav.preprocess.gnss_policy import split_fixes
-from gtsam_nav.solution import Progress, Solution, no_progress
 
-Method = Callable[[Mission, Config, Progress], Solution]
+if TYPE_CHECKING:
+    from gtsam_nav.config import Config
+    from gtsam_nav.mission import Mission
+    from gtsam_nav.solution import Progress, Solution
+
+    Method = Callable[[Mission, Config, Progress], Solution]
 
 _METHODS = {
     "dr": "gtsam_nav.ekf.dead_reckoning",
@@ -25,11 +31,17 @@ def methods() -> tuple[str, ...]:
     return tuple(_METHODS)
 
 
+def check_method(method: str) -> None:
+    """Raise a ConfigError for a name that `estimate` does not take."""
+    if method not in _METHODS:
+        raise ConfigError(f"unknown method '{method}'; the choices are: {', '.join(_METHODS)}")
+
+
 def estimate(
     mission: Mission,
     method: str = "graph",
     config: Config | None = None,
-    progress: Progress = no_progress,
+    progress: Progress | None = None,
 ) -> Solution:
     """Estimate the trajectory of a mission.
 
@@ -54,10 +66,13 @@ def estimate(
     EstimationError
         Where the estimator fails.
     """
-    if method not in _METHODS:
-        raise ConfigError(f"unknown method '{method}'; the choices are: {', '.join(_METHODS)}")
+    from gtsam_nav.config import Config
+    from gtsam_nav.preprocess.gnss_policy import split_fixes
+    from gtsam_nav.solution import no_progress
+
+    check_method(method)
     config = config or Config()
     blind, reference, n_withheld = split_fixes(mission, config.gnss)
     run: Method = import_module(_METHODS[method]).estimate
-    solution = run(blind, config, progress)
+    solution = run(blind, config, progress or no_progress)
     return replace(solution, reference=reference, gnss_withheld=n_withheld)

@@ -127,6 +127,9 @@ class Solution:
     method : str
     trajectory : Trajectory
         At 10 Hz or better.
+    georeferenced : bool
+        Whether positions are absolute; else the frame's zero is merely the start, and errors
+        without alignment mean nothing.
     online : Trajectory or None
         The causal estimate of each keyframe when it entered, where the method has one.
     reference : Sensor or None
@@ -143,6 +146,7 @@ class Solution:
     method: str
     trajectory: Trajectory
     mission: Mission
+    georeferenced: bool = True
     online: Trajectory | None = None
     reference: Sensor | None = None
     loops: tuple[LoopClosure, ...] = ()

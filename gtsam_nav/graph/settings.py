@@ -37,12 +37,28 @@ class RefinementSettings(Settings):
     Attributes
     ----------
     max_iterations : int
+        Zero leaves the pose graph of rigid scans as it is.
     converged_m : float
         Stop where no keyframe moves further in an iteration.
+    neighbour_radius_m : float
+        Scans taken further apart are not compared.
+    first_gate_m, last_gate_m, gate_factor : float
+        Partners are sought within a distance that shrinks by a factor each iteration.
+    line_radius_m, line_thickness_m : float
+        An echo lies on a wall where its neighbours within the radius are thinner than this.
+    cauchy_k : float
+        Scale of the Cauchy weight, in standard deviations of the residuals found.
     """
 
     max_iterations: int = Field(default=40, ge=0)
     converged_m: float = Field(default=0.01, gt=0)
+    neighbour_radius_m: float = Field(default=30.0, gt=0)
+    first_gate_m: float = Field(default=3.0, gt=0)
+    last_gate_m: float = Field(default=1.0, gt=0)
+    gate_factor: float = Field(default=0.85, gt=0, le=1)
+    line_radius_m: float = Field(default=3.0, gt=0)
+    line_thickness_m: float = Field(default=0.4, gt=0)
+    cauchy_k: float = Field(default=1.5, gt=0)
 
 
 class GraphSettings(Settings):
@@ -52,6 +68,10 @@ class GraphSettings(Settings):
     ----------
     keyframe_interval_s : float
         Longest time between keyframes.
+    scan_interval_s : float
+        Scans closer together than this are thinned out (sonars and lasers that scan fast).
+    imu_min_rate_hz : float
+        A slower IMU is not preintegrated: rotations then come from the AHRS.
     keyframes_per_update : int
         Keyframes handed to iSAM2 at once.
     huber_k : float
@@ -59,7 +79,9 @@ class GraphSettings(Settings):
     """
 
     keyframe_interval_s: float = Field(default=7.0, gt=0)
-    keyframes_per_update: int = Field(default=10, ge=1)
+    scan_interval_s: float = Field(default=2.0, ge=0)
+    imu_min_rate_hz: float = Field(default=50.0, gt=0)
+    keyframes_per_update: int = Field(default=4, ge=1)
     huber_k: float = Field(default=1.345, gt=0)
     loops: LoopSettings = LoopSettings()
     refinement: RefinementSettings = RefinementSettings()

@@ -32,8 +32,6 @@ class GnssSettings(Settings):
         Use GNSS height although the mission has a depth sensor.
     huber_k : float
         Huber threshold on the whitened residual.
-    gate_probability : float
-        A fix is rejected where its innovation is less likely than one minus this.
     """
 
     use: Literal["all", "none", "every_k", "window", "gaps"] | None = None
@@ -42,7 +40,6 @@ class GnssSettings(Settings):
     gaps_s: tuple[tuple[float, float], ...] = ()
     use_height: bool = False
     huber_k: float = Field(default=1.345, gt=0)
-    gate_probability: float = Field(default=0.9999, gt=0, lt=1)
 
     @model_validator(mode="after")
     def _spans_are_ordered(self) -> GnssSettings:

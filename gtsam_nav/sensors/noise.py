@@ -79,14 +79,15 @@ class DepthNoise(Settings):
 class GnssNoise(Settings):
     """Noise of a GNSS receiver where the file states none.
 
-    Successive fixes of a stand-alone receiver share most of their error: ``correlation_time_s`` is
-    how long, and fixes closer together count accordingly less.
+    Successive fixes of a stand-alone receiver share most of their error: ``correlated_share`` is
+    the share of the variance that does, forgetting itself over ``correlation_time_s``.
     """
 
     sigma_horizontal_m: float = Field(default=1.5, gt=0)
     sigma_vertical_m: float = Field(default=3.0, gt=0)
     sigma_velocity_m_s: float = Field(default=0.2, gt=0)
-    correlation_time_s: float = Field(default=0.0, ge=0)
+    correlated_share: float = Field(default=0.0, ge=0, lt=1)
+    correlation_time_s: float = Field(default=300.0, gt=0)
 
 
 class LandmarkNoise(Settings):

@@ -16,8 +16,9 @@ class SegmentationSettings(Settings):
         Ranges that are looked at; nearer ones hold the ring-down of the head.
     threshold_sigmas : float
         An echo stands this many noise deviations above the noise floor of its range.
-    min_intensity : int
-        Nothing weaker is an echo.
+    min_intensity, max_threshold : int
+        Nothing weaker than the first is an echo; the threshold never rises above the second, so
+        that a mission spent along one wall cannot raise its own floor to the wall's echo.
     min_separation_m : float
         Of two peaks closer together the weaker is dropped.
     max_echoes : int
@@ -28,6 +29,7 @@ class SegmentationSettings(Settings):
     max_range_m: float = Field(default=60.0, gt=0)
     threshold_sigmas: float = Field(default=6.0, gt=0)
     min_intensity: int = Field(default=40, ge=1, le=255)
+    max_threshold: int = Field(default=150, ge=1, le=255)
     min_separation_m: float = Field(default=2.0, gt=0)
     max_echoes: int = Field(default=2, ge=1)
 

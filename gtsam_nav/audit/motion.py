@@ -1,0 +1,122 @@
+"""What the velocity sensor tells: bottom lock, the rest at the start, and the way."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from gtsam_nav.audit.findings import Finding, Severity
+from gtsam_nav.frames import Array
+from gtsam_nav.mission import DvlSeries, Mission, OdometrySeries, Sensor
+from gtsam_nav.preprocess.alignment import at_rest
+
+REST_SPEED_M_S = 0.05
+REST_WINDOW_S = 5.0
+
+
+@dataclass(frozen=True)
+class DvlLock:
+    """Shares of a DVL's samples by lock, and the longest time without bottom lock."""
+
+    name: str
+    bottom_share: float
+    water_share: float
+    longest_outage_s: float
+
+
+def dvl_lock(dvl: Sensor) -> DvlLock:
+    """Bottom and water lock of a DVL."""
+    series = dvl.series
+    assert isinstance(series, DvlSeries)
+    bottom = series.valid & series.bottom_lock
+    locked = np.concatenate([series.t[:1], series.t[bottom], series.t[-1:]])
+    return DvlLock(
+        name=dvl.name,
+        bottom_share=float(np.mean(bottom)),
+        water_share=float(np.mean(series.valid & ~series.bottom_lock)),
+        longest_outage_s=float(np.max(np.diff(locked))),
+    )
+
+
+def lock_findings(lock: DvlLock) -> Iterator[Finding]:
+    """Judge the lock."""
+    read = (
+        f"bottom lock {lock.bottom_share:.1%}, water lock {lock.water_share:.1%}, "
+        f"longest time without bottom lock {lock.longest_outage_s:.1f} s"
+    )
+    severity: Severity = "ok" if lock.bottom_share > 0.8 else "warning"
+    yield Finding("bottom lock", lock.name, severity, read)
+
+
+def velocity_sensor(mission: Mission) -> Sensor | None:
+    """The first DVL that ever saw the bottom, else the first odometry."""
+    for dvl in mission.of_type("dvl"):
+        series = dvl.series
+        assert isinstance(series, DvlSeries)
+        if np.any(series.valid & series.bottom_lock):
+            return dvl
+    return mission.first("odometry")
+
+
+def initial_rest_s(mission: Mission) -> float | None:
+    """Seconds from the start of the mission until the vehicle moves.
+
+    At rest the median speed over 5 s is below 0.05 m/s and the IMU's readings stay still; a sensor
+    that the mission lacks has no say.
+
+    Returns
+    -------
+    float or None
+        None where neither speed nor an IMU tells.
+    """
+    velocity = velocity_sensor(mission)
+    has_imu = mission.first("imu") is not None
+    if velocity is None and not has_imu:
+        return None
+    start_s, stop_s = mission.span_s
+    for begin in np.arange(start_s, stop_s, REST_WINDOW_S):
+        if velocity is not None and _median_speed(velocity, begin) > REST_SPEED_M_S:
+            return float(begin - start_s)
+        if has_imu and not at_rest(mission, begin, REST_WINDOW_S):
+            return float(begin - start_s)
+    return stop_s - start_s
+
+
+def _median_speed(velocity: Sensor, begin: float) -> float:
+    """Median speed over a window, m/s; infinite where the sensor is silent."""
+    series = velocity.series.crop(begin, begin + REST_WINDOW_S)
+    if isinstance(series, DvlSeries):
+        v = series.v_d[series.valid & series.bottom_lock]
+    else:
+        assert isinstance(series, OdometrySeries)
+        v = series.v_b
+    return float(np.linalg.norm(np.median(v, axis=0))) if len(v) else np.inf
+
+
+def dead_reckoned_way(t: Array, heading: Array, velocity: Sensor | None) -> Array:
+    """Horizontal way (n, e) at the compass's times, up to scale where no velocity is known."""
+    if velocity is None:
+        v_b = np.tile([1.0, 0.0], (len(t), 1))
+    else:
+        times, measured_b = _body_velocity(velocity)
+        v_b = np.stack([np.interp(t, times, axis) for axis in measured_b.T], axis=1)
+    steps = np.diff(t, prepend=t[0])
+    return np.cumsum(turned(v_b, heading) * steps[:, None], axis=0)
+
+
+def _body_velocity(sensor: Sensor) -> tuple[Array, Array]:
+    """Times and horizontal body velocities (n, 2) of a DVL or of odometry."""
+    series = sensor.series
+    if isinstance(series, OdometrySeries):
+        return series.t, series.v_b
+    assert isinstance(series, DvlSeries)
+    locked = series.valid & series.bottom_lock
+    return series.t[locked], (series.v_d[locked] @ sensor.R_bs.T)[:, :2]
+
+
+def turned(v_b: Array, heading: Array) -> Array:
+    """Horizontal body vectors (n, 2) along north and east, for level flight."""
+    c, s = np.cos(heading), np.sin(heading)
+    return np.stack([c * v_b[:, 0] - s * v_b[:, 1], s * v_b[:, 0] + c * v_b[:, 1]], axis=1)

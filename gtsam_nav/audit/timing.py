@@ -1,0 +1,89 @@
+"""Counts, rates, spans, gaps and clock trouble of each sensor."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from gtsam_nav.audit.findings import Finding
+from gtsam_nav.mission import Mission, Sensor
+
+GAP_FACTOR = 5.0
+"""A silence of more than this many median intervals is a gap."""
+
+
+@dataclass(frozen=True)
+class Gap:
+    """A silence of a sensor."""
+
+    start_s: float
+    length_s: float
+
+
+@dataclass(frozen=True)
+class Dropped:
+    """Samples that the reader did not keep, by reason."""
+
+    reason: str
+    n_samples: int
+
+
+@dataclass(frozen=True)
+class SensorTiming:
+    """When a sensor spoke.
+
+    ``rate_hz`` is that of the median interval; None where there are fewer than two stamps, as is
+    the span of a sensor without samples.
+    """
+
+    name: str
+    type: str
+    simulated: bool
+    n_samples: int
+    rate_hz: float | None
+    start_s: float | None
+    stop_s: float | None
+    gaps: tuple[Gap, ...]
+    dropped: tuple[Dropped, ...]
+
+
+def sensor_timing(mission: Mission, sensor: Sensor) -> SensorTiming:
+    """Count, rate, span, gaps and drops of one sensor."""
+    stamps = np.unique(sensor.series.t)
+    steps = np.diff(stamps)
+    median_s = float(np.median(steps)) if len(steps) else np.inf
+    long = np.flatnonzero(steps > GAP_FACTOR * median_s)
+    reasons = Counter(r.reason for r in mission.rejections if r.sensor == sensor.name)
+    return SensorTiming(
+        name=sensor.name,
+        type=sensor.type,
+        simulated=sensor.simulated,
+        n_samples=len(sensor.series),
+        rate_hz=1.0 / median_s if len(steps) else None,
+        start_s=float(stamps[0]) if len(stamps) else None,
+        stop_s=float(stamps[-1]) if len(stamps) else None,
+        gaps=tuple(Gap(float(stamps[k]), float(steps[k])) for k in long),
+        dropped=tuple(Dropped(reason, n) for reason, n in sorted(reasons.items())),
+    )
+
+
+def timing_findings(timing: SensorTiming) -> Iterator[Finding]:
+    """Warnings about silence and dropped samples."""
+    if not timing.n_samples:
+        yield Finding("samples", timing.name, "warning", "no usable sample")
+    if timing.gaps and timing.type != "landmarks":  # those come and go
+        longest = max(timing.gaps, key=lambda gap: gap.length_s)
+        yield Finding(
+            "gaps",
+            timing.name,
+            "warning",
+            f"{len(timing.gaps)} gaps of more than {GAP_FACTOR:g} median intervals, "
+            f"the longest {longest.length_s:.1f} s at {longest.start_s:.1f} s",
+        )
+    for dropped in timing.dropped:
+        yield Finding(
+            "dropped", timing.name, "warning", f"{dropped.n_samples} samples: {dropped.reason}"
+        )

@@ -1,0 +1,209 @@
+"""Data-set cards: how the instruments of a known data set are mounted and how noisy they are.
+
+A card is YAML in ``datasets/``: inside the installed package, or beside it in a checkout.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+import numpy as np
+import yaml
+from pydantic import BaseModel, Field, FiniteFloat, ValidationError, model_validator
+
+from gtsam_nav.errors import DataError
+from gtsam_nav.frames import Array, rotation_from_rpy
+from gtsam_nav.mission import SERIES_TYPES
+from gtsam_nav.sensors.noise import NOISE_MODELS
+from gtsam_nav.settings import Settings
+
+MAX_YAML_BYTES = 1_000_000
+PACKAGE = Path(__file__).parent
+CARD_FOLDERS = (PACKAGE / "datasets", PACKAGE.parent / "datasets")
+
+Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+Model = TypeVar("Model", bound=BaseModel)
+
+# what PyYAML raises beside YAMLError on broken scalars and bottomless nesting
+_YAML_FAULTS = (ValueError, TypeError, AttributeError, LookupError, RecursionError, OverflowError)
+
+
+class Described(Settings):
+    """Settings of a data file: an unknown key is answered with the choices."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _keys_are_known(cls, given: Any) -> Any:
+        if isinstance(given, dict):
+            unknown = [key for key in given if key not in cls.model_fields]
+            if unknown:
+                choices = ", ".join(cls.model_fields)
+                raise ValueError(f"unknown key '{unknown[0]}'; the choices are: {choices}")
+        return given
+
+
+class SensorCard(Described):
+    """Mounting, clock and noise of one instrument.
+
+    Attributes
+    ----------
+    type : str
+        Sensor type; a sensor's name where it is left out.
+    xyz_m : (float, float, float)
+        Position in the body frame.
+    rpy_deg : (float, float, float)
+        ``R_bs = Rz(yaw) Ry(pitch) Rx(roll)``.
+    time_offset_s : float
+        Added to the file's stamps.
+    noise : map
+        Figures of the type's noise model.
+    """
+
+    type: str
+    xyz_m: Vector = (0.0, 0.0, 0.0)
+    rpy_deg: Vector = (0.0, 0.0, 0.0)
+    time_offset_s: FiniteFloat = 0.0
+    noise: dict[str, Any] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _type_and_noise_are_known(self) -> SensorCard:
+        if self.type not in self.types():
+            choices = ", ".join(self.types())
+            raise ValueError(f"unknown sensor type '{self.type}'; the choices are: {choices}")
+        model = NOISE_MODELS.get(self.type)
+        if model is None:
+            if self.noise:
+                raise ValueError(f"a sensor of type {self.type} takes no noise figures")
+            return self
+        try:
+            model.model_validate(self.noise)
+        except ValidationError as error:
+            first = error.errors()[0]
+            choices = ", ".join(model.model_fields)
+            raise ValueError(
+                f"noise.{first['loc'][0]}: {first['msg']}; the choices are: {choices}"
+            ) from error
+        return self
+
+    @classmethod
+    def types(cls) -> tuple[str, ...]:
+        """Sensor types that may be named."""
+        return tuple(SERIES_TYPES)
+
+    @property
+    def xyz_b(self) -> Array:
+        """Position in the body frame, shape (3,), m."""
+        return np.array(self.xyz_m)
+
+    @property
+    def R_bs(self) -> Array:  # noqa: N802
+        """Rotation from sensor to body axes, shape (3, 3)."""
+        return rotation_from_rpy(np.radians(self.rpy_deg))
+
+
+class CardOrigin(Described):
+    """Where a data set's local frame begins: at its first valid fix, at a stated height."""
+
+    policy: Literal["first_fix"] = "first_fix"
+    height_m: FiniteFloat = 0.0
+
+
+class CardFile(Described):
+    """One file of a data set, by the end of its name."""
+
+    suffix: str
+    holds: str
+    sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")] | None = None
+
+
+class Card(Described):
+    """What is known about a data set beside its files."""
+
+    name: str
+    description: str
+    source: str
+    licence: str
+    files: tuple[CardFile, ...]
+    origin: CardOrigin = CardOrigin()
+    sensors: dict[str, SensorCard]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _types_default_to_names(cls, given: Any) -> Any:
+        return with_default_types(given)
+
+
+def with_default_types(given: Any) -> Any:
+    """A map with ``sensors``, each of which has a type: its name unless it states another."""
+    if not isinstance(given, dict) or not isinstance(given.get("sensors"), dict):
+        return given
+    sensors = {
+        name: {"type": name, **entry} if isinstance(entry, dict) else entry
+        for name, entry in given["sensors"].items()
+    }
+    return {**given, "sensors": sensors}
+
+
+def load_card(name: str) -> Card:
+    """The card of a data set.
+
+    Raises
+    ------
+    DataError
+        Where there is no such card, or it is damaged.
+    """
+    for folder in CARD_FOLDERS:
+        path = folder / f"{name}.yaml"
+        if path.is_file():
+            return read_yaml(path, Card)
+    known = sorted({path.stem for folder in CARD_FOLDERS for path in folder.glob("*.yaml")})
+    raise DataError(f"no data-set card '{name}'; the cards are: {', '.join(known) or 'none'}")
+
+
+def read_yaml(path: Path, model: type[Model]) -> Model:
+    """Read and validate a YAML file.
+
+    Raises
+    ------
+    DataError
+        Names the file, the key and the choices.
+    """
+    try:
+        if path.stat().st_size > MAX_YAML_BYTES:
+            raise DataError(f"larger than {MAX_YAML_BYTES} bytes; that is no description", path)
+        tree = yaml.load(path.read_text(encoding="utf-8-sig"), Loader=_UniqueKeyLoader)
+    except yaml.MarkedYAMLError as error:
+        line = error.problem_mark.line + 1 if error.problem_mark else None
+        raise DataError(f"not YAML: {error.problem or error.context}", path, line) from error
+    except (OSError, yaml.YAMLError, *_YAML_FAULTS) as error:
+        raise DataError(f"not readable as YAML: {error}", path) from error
+    if not isinstance(tree, dict):
+        raise DataError(f"must be a map with the keys {', '.join(model.model_fields)}", path)
+    try:
+        return model.model_validate(tree)
+    except ValidationError as error:
+        raise DataError(_first_fault(error), path) from error
+
+
+def _first_fault(error: ValidationError) -> str:
+    first = error.errors()[0]
+    key = ".".join(str(part) for part in first["loc"])
+    what = first["msg"].removeprefix("Value error, ")
+    return f"{key}: {what}" if key else what
+
+
+class _UniqueKeyLoader(yaml.SafeLoader):
+    """The safe loader, but a key that is given twice is an error: neither would get lost."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        seen: set[Any] = set()
+        for key_node, _ in node.value:
+            key = self.construct_object(key_node, deep=True)
+            if isinstance(key, Hashable) and key in seen:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"the key '{key}' is given twice", key_node.start_mark
+                )
+            seen.add(key)
+        return super().construct_mapping(node, deep=deep)

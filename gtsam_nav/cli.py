@@ -1,0 +1,375 @@
+"""The command line: what it can do, and which exit code an error gets."""
+
+from __future__ import annotations
+
+import logging
+import shlex
+import sys
+import time
+import traceback
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from math import inf
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, cast
+
+import typer
+
+from gtsam_nav.errors import ConfigError, DataError, EstimationError, GtsamNavError, OutputError
+from gtsam_nav.terminal import progress_bars, say, show, show_json
+
+if TYPE_CHECKING:
+    from gtsam_nav.config import Config
+    from gtsam_nav.mission import Mission
+    from gtsam_nav.solution import Progress, Solution
+    from gtsam_nav.writers.frame import Frame
+
+logger = logging.getLogger(__name__)
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    help="Offline factor-graph navigation and sonar SLAM for marine vehicles.",
+)
+config_app = typer.Typer(no_args_is_help=True, help="The configuration.")
+app.add_typer(config_app, name="config")
+
+MissionArgument = Annotated[Path, typer.Argument(metavar="MISSION", help="Mission folder or logs.")]
+ConfigOption = Annotated[
+    Path | None, typer.Option("--config", "-c", metavar="FILE", help="Configuration (YAML).")
+]
+SetOption = Annotated[
+    list[str], typer.Option("--set", metavar="KEY=VALUE", help="Override a setting; repeatable.")
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
+OutOption = Annotated[
+    Path | None, typer.Option(metavar="DIR", help="Results; out/MISSION where not given.")
+]
+StartOption = Annotated[
+    float, typer.Option(metavar="S", show_default=False, help="Leave out what was before.")
+]
+StopOption = Annotated[
+    float, typer.Option(metavar="S", show_default=False, help="Leave out from here on.")
+]
+QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="No progress bars.")]
+
+
+@app.callback()
+def settle_logging(
+    debug: Annotated[
+        bool, typer.Option("--debug", help="Log more, and show the traceback of errors.")
+    ] = False,
+) -> None:
+    """Options that stand before or after any command."""
+    logging.basicConfig(format="%(levelname)s %(name)s: %(message)s")
+    logging.getLogger("gtsam_nav").setLevel(logging.DEBUG if debug else logging.ERROR)
+
+
+def main() -> None:
+    """Run the command line; errors become one line on stderr and an exit code."""
+    # --debug belongs to the program, wherever it was typed
+    arguments = sorted(sys.argv[1:], key=lambda argument: argument != "--debug")
+    debug = "--debug" in arguments
+    try:
+        app(arguments, prog_name="gtsam-nav")
+    except GtsamNavError as error:
+        if debug:
+            traceback.print_exc()
+        say(f"error: {error}")
+        sys.exit(error.exit_code)
+    except Exception as error:  # noqa: BLE001
+        if debug:
+            traceback.print_exc()
+        summary = " ".join(f"{type(error).__name__}: {error}".split())
+        say(f"internal error: {summary} (use --debug for the traceback)")
+        sys.exit(1)
+
+
+def settle_output(folder: Path, *runs: Path) -> None:
+    """Make a folder and see that the results can be put there, before any work is done.
+
+    Raises
+    ------
+    OutputError
+        Where it cannot be written, or where one of the runs' places holds something else.
+    """
+    import tempfile
+
+    from gtsam_nav.writers.run_folder import RECORD
+
+    for place in runs:
+        if place.exists() and not (place / RECORD).is_file():
+            raise OutputError(f"{place}: is there and not a run's folder; choose another --out")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        reason = error.strerror or type(error).__name__
+        raise OutputError(f"{folder}: cannot write there: {reason}") from error
+
+
+@app.command()
+def inspect(
+    mission: MissionArgument, as_json: JsonOption = False, quiet: QuietOption = False
+) -> None:
+    """Check rates, gaps, clocks, units and signs of a mission."""
+    from gtsam_nav.audit import audit
+    from gtsam_nav.readers import open_mission
+
+    with progress_bars(quiet) as progress:
+        found = audit(open_mission(mission, progress))
+    if as_json:
+        show_json(found.to_json())
+        return
+    from gtsam_nav.tables import finding_table, sensor_table
+
+    rest = "" if found.rest_s is None else f", at rest for the first {found.rest_s:.0f} s"
+    show(
+        sensor_table(found),
+        "",
+        finding_table(found.findings),
+        "",
+        f"span {found.span_s[0]:.1f} to {found.span_s[1]:.1f} s{rest}",
+        f"methods that can run: {', '.join(found.methods) or 'none'}",
+    )
+    for warning in found.warnings:
+        say(f"warning: {warning}")
+
+
+@app.command()
+def run(
+    mission: MissionArgument,
+    method: Annotated[
+        list[str], typer.Option("--method", "-m", metavar="NAME", help="Method; repeatable.")
+    ] = ["graph"],  # noqa: B006
+    out: OutOption = None,
+    config: ConfigOption = None,
+    overrides: SetOption = [],  # noqa: B006
+    start: StartOption = -inf,
+    stop: StopOption = inf,
+    quiet: QuietOption = False,
+) -> None:
+    """Estimate a mission, score it and write a report."""
+    from gtsam_nav.config import load_config
+    from gtsam_nav.evaluation.report import write_report
+    from gtsam_nav.methods import check_method
+
+    resolved = load_config(config, overrides)
+    names = list(dict.fromkeys(method))
+    for name in names:
+        check_method(name)
+    folder = out or Path("out") / mission.resolve().name
+    settle_output(folder, *(folder / name for name in names))
+    with progress_bars(quiet) as progress:
+        begin = time.perf_counter()
+        opened = open_cropped(mission, start, stop, progress)
+        solutions, failures = estimate_each(opened, names, resolved, folder, begin, progress)
+        wall_s = time.perf_counter() - begin
+        report = write_report(solutions, folder, resolved) if solutions else None
+    if report is not None:
+        show_runs({solution.method: folder / solution.method for solution in solutions})
+        show("", f"{wall_s:.1f} s from opening the mission to the last result", f"report: {report}")
+    for name, error in failures.items():
+        say(f"error: {name}: {error}")
+    if failures:
+        raise typer.Exit(max(error.exit_code for error in failures.values()))
+
+
+def open_cropped(path: Path, start_s: float, stop_s: float, progress: Progress) -> Mission:
+    """Open a mission and keep the samples of start <= t < stop.
+
+    Raises
+    ------
+    DataError
+        Where nothing is left.
+    """
+    from gtsam_nav.readers import open_mission
+
+    opened = open_mission(path, progress)
+    cropped = opened.crop(start_s, stop_s)
+    if not any(len(sensor.series) for sensor in cropped.sensors.values()):
+        first, last = opened.span_s
+        raise DataError(
+            f"no sample between --start {start_s:g} and --stop {stop_s:g}; "
+            f"the mission spans {first:.1f} to {last:.1f} s",
+            path,
+        )
+    return cropped
+
+
+def estimate_each(
+    mission: Mission,
+    methods: Sequence[str],
+    config: Config,
+    folder: Path,
+    begin: float,
+    progress: Progress,
+) -> tuple[list[Solution], dict[str, GtsamNavError]]:
+    """Run the methods one after the other; each is written as it ends, failures are kept.
+
+    A method's wall time is that of opening the mission (since ``begin``) and its own.
+    """
+    from gtsam_nav.methods import estimate
+    from gtsam_nav.writers.run_folder import write_run
+
+    opening_s = time.perf_counter() - begin
+    command = shlex.join(["gtsam-nav", *sys.argv[1:]])
+    solutions: list[Solution] = []
+    failures: dict[str, GtsamNavError] = {}
+    for name in methods:
+        started = time.perf_counter()
+        try:
+            solution = estimate(mission, name, config, progress)
+            wall_s = opening_s + time.perf_counter() - started
+            write_run(solution, config, folder, wall_s=wall_s, command=command)
+        except (DataError, EstimationError) as error:
+            logger.debug("%s failed", name, exc_info=error)
+            failures[name] = error
+        else:
+            solutions.append(solution)
+    return solutions, failures
+
+
+def show_runs(folders: Mapping[str, Path], as_json: bool = False) -> None:
+    """Finished runs side by side under the names given, and what the user must hear of them."""
+    from gtsam_nav.evaluation.comparison import comparison_row
+    from gtsam_nav.writers.run_folder import read_run
+
+    runs = {name: read_run(folder) for name, folder in folders.items()}
+    rows = [comparison_row(name, run.metrics, run.record.wall_s) for name, run in runs.items()]
+    if as_json:
+        show_json([asdict(row) for row in rows])
+    else:
+        from gtsam_nav.tables import comparison_table
+
+        show(comparison_table(rows))
+    for row in rows:
+        for warning in runs[row.name].record.warnings:
+            say(f"warning: {row.name}: {warning}")
+        if row.coverage is None:
+            say(f"warning: {row.name}: no score: there is nothing to score it on")
+        elif row.failed:
+            say(f"warning: {row.name}: covers only {row.coverage:.1%} of the reference: it failed")
+
+
+@app.command()
+def compare(
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="RUN...", help="DIR/METHOD, or DIR for all in it.")
+    ],
+    as_json: JsonOption = False,
+) -> None:
+    """Put finished runs side by side."""
+    from gtsam_nav.writers.run_folder import find_runs
+
+    show_runs({str(folder): folder for path in runs for folder in find_runs(path)}, as_json)
+
+
+@app.command()
+def evaluate(
+    trajectory: Annotated[Path, typer.Argument(metavar="TRAJECTORY", help=".tum or .csv, NED.")],
+    reference: Annotated[
+        Path, typer.Argument(metavar="REFERENCE", help=".tum, .csv (t, n, e, d, ...) or a mission.")
+    ],
+    lever_arm: Annotated[
+        str | None, typer.Option(metavar="X,Y,Z", help="Reference's antenna in the body, m.")
+    ] = None,
+    window: Annotated[
+        str | None, typer.Option(metavar="FROM,TO", help="Score this span of time only, s.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Score a trajectory against a reference."""
+    from gtsam_nav.config import load_config
+    from gtsam_nav.evaluation.metrics import evaluate_trajectory, reference_series
+    from gtsam_nav.evaluation.references import open_reference
+    from gtsam_nav.writers.trajectories import read_trajectory
+
+    lever_b = None if lever_arm is None else numbers("--lever-arm", lever_arm, 3)
+    window_s = None if window is None else numbers("--window", window, 2)
+    # a run's own configuration says which fixes it saw
+    beside = trajectory.with_name("config.yaml")
+    gnss = load_config(beside if beside.is_file() else None).gnss
+    estimated = read_trajectory(trajectory)
+    truth = open_reference(reference, gnss)
+    scores = evaluate_trajectory(
+        estimated,
+        reference_series(truth),
+        truth.xyz_b if lever_b is None else lever_b,
+        None if window_s is None else (window_s[0], window_s[1]),
+    )
+    if as_json:
+        show_json(scores.to_json())
+    else:
+        show(f"{trajectory} against {truth.name} of {reference}", str(scores))
+
+
+def numbers(option: str, text: str, count: int) -> list[float]:
+    """Numbers that are separated by commas."""
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) != count:
+        example = ",".join(["0"] * count)
+        raise ConfigError(f"{option} is '{text}'; it needs {count} numbers, as in {example}")
+    return values
+
+
+@app.command()
+def simulate(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="World: marina.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Mission folder to write.")],
+    seed: Annotated[int, typer.Option(metavar="N", help="Same seed, same mission.")] = 0,
+    duration: Annotated[float, typer.Option(metavar="S", help="Length of the survey.")] = 600.0,
+) -> None:
+    """Write a simulated mission as a mission folder."""
+    from gtsam_nav.simulation import simulate as simulated
+    from gtsam_nav.writers.mission_folder import write_mission
+
+    settle_output(out.parent)
+    mission = simulated(name, seed, duration)
+    write_mission(mission, out)
+    show(f"mission '{mission.name}', {duration:g} s: {out}")
+
+
+@app.command()
+def export(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="DIR/METHOD, or DIR for all in it.")],
+    to: Annotated[
+        str, typer.Option(metavar="FORMATS", help="Of tum,kitti,g2o,nav,geojson,kml,ply.")
+    ],
+    frame: Annotated[str, typer.Option(metavar="FRAME", help="ned or enu.")] = "ned",
+) -> None:
+    """Write finished runs in other formats."""
+    from gtsam_nav.writers.exports import export_run
+    from gtsam_nav.writers.run_folder import find_runs
+
+    for folder in find_runs(run):
+        for path in export_run(folder, to.split(","), cast("Frame", frame)):
+            show(str(path))
+
+
+@config_app.command("dump")
+def config_dump(config: ConfigOption = None, overrides: SetOption = []) -> None:  # noqa: B006
+    """Print the whole configuration with its values."""
+    from gtsam_nav.config import load_config
+
+    typer.echo(load_config(config, overrides).to_yaml(), nl=False)
+
+
+@app.command()
+def doctor() -> None:
+    """Say which versions are installed and what is missing."""
+    from gtsam_nav import __version__
+    from gtsam_nav.doctor import examine, interpreter
+    from gtsam_nav.tables import package_table
+
+    packages = examine()
+    show(f"gtsam-nav {__version__}", interpreter(), "", package_table(packages))
+    missing = [p.name for p in packages if p.trouble is not None and not p.optional]
+    if missing:
+        raise GtsamNavError(f"cannot import {', '.join(missing)}; reinstall with pip")

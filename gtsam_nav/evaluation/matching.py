@@ -1,0 +1,105 @@
+"""The estimate at the reference's times and antenna: what every score starts from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gtsam_nav.frames import Array
+from gtsam_nav.mission import ReferenceSeries
+from gtsam_nav.trajectory import MAX_GAP_S, Trajectory
+
+
+@dataclass(frozen=True)
+class Matched:
+    """Estimate and reference at the same m times, both of the reference's antenna.
+
+    Attributes
+    ----------
+    estimate : Trajectory
+        Interpolated at the reference's times.
+    reference : ReferenceSeries
+        The samples that the estimate covers. Where the vertical is not usable the estimate's own
+        stands in for it, so that nothing is learnt from it.
+    coverage : float
+        Time between scored neighbours of the reference over time between neighbours, 0 to 1.
+    """
+
+    estimate: Trajectory
+    reference: ReferenceSeries
+    coverage: float
+
+    @property
+    def t(self) -> Array:
+        """Mission time of the samples, shape (m,), s."""
+        return self.reference.t
+
+
+def match(
+    trajectory: Trajectory,
+    reference: ReferenceSeries,
+    lever_b: ArrayLike = (0.0, 0.0, 0.0),
+    window_s: tuple[float, float] | None = None,
+) -> Matched | None:
+    """Interpolate an estimate at the times of a reference, never over a gap of more than 5 s.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        Of the body's origin.
+    reference : ReferenceSeries
+        Of an antenna.
+    lever_b : array_like, shape (3,)
+        The antenna in body coordinates, m.
+    window_s : (float, float), optional
+        Half-open span of mission time; None takes the whole reference.
+
+    Returns
+    -------
+    Matched or None
+        None where the reference has no sample in the window.
+    """
+    if window_s is not None:
+        reference = reference.crop(*window_s)
+    if not len(reference):
+        return None
+    covered = trajectory.covers(reference.t, MAX_GAP_S)
+    steps = np.diff(reference.t)
+    whole = float(np.sum(steps))
+    held = float(np.sum(steps[covered[1:] & covered[:-1]]))
+    coverage = held / whole if whole else float(covered[0])
+    scored = reference.select(covered)
+    estimate = trajectory.interpolate(scored.t, MAX_GAP_S).at_lever_arm(lever_b)
+    if not scored.vertical_usable:
+        p_n = np.column_stack([scored.p_n[:, :2], estimate.p_n[:, 2]])
+        scored = replace(scored, p_n=p_n)
+    return Matched(estimate, scored, coverage)
+
+
+def distance_m(reference: ReferenceSeries) -> Array:
+    """Horizontal distance travelled since the first sample, shape (m,), m.
+
+    The path is walked in steps of at least three sigma of the reference, so that its noise does
+    not add up to distance; between the steps' ends distance grows linearly in time.
+    """
+    p_ne = reference.p_n[:, :2]
+    least = 0.0 if reference.sigma is None else 3.0 * float(np.median(reference.sigma))
+    nodes = _steps_of_at_least(p_ne, least)
+    travelled = np.cumsum(np.linalg.norm(np.diff(p_ne[nodes], axis=0), axis=1))
+    at_nodes = np.concatenate([[0.0], travelled])
+    return np.asarray(np.interp(reference.t, reference.t[nodes], at_nodes))
+
+
+def _steps_of_at_least(p_ne: Array, least_m: float) -> list[int]:
+    """Indices of the first sample and of each next one that lies at least so far away."""
+    if least_m == 0.0:
+        return list(range(len(p_ne)))
+    nodes = [0]
+    n0, e0 = p_ne[0]
+    for k, (n, e) in enumerate(p_ne.tolist()):
+        if (n - n0) ** 2 + (e - e0) ** 2 >= least_m**2:
+            nodes.append(k)
+            n0, e0 = n, e
+    return nodes

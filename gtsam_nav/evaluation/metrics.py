@@ -1,0 +1,345 @@
+"""The scores of a solution, as they stand in metrics.json."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Annotated, Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import Field, TypeAdapter
+
+from gtsam_nav.evaluation.alignment import ALIGNMENTS, Aligned, align
+from gtsam_nav.evaluation.consistency import Consistency, consistency, horizontal_nees
+from gtsam_nav.evaluation.matching import Matched, distance_m, match
+from gtsam_nav.evaluation.relative import RelativeError, relative_error
+from gtsam_nav.frames import Array, wrap_angle
+from gtsam_nav.mission import ReferenceSeries, Sensor, SonarKind
+from gtsam_nav.solution import Solution
+from gtsam_nav.trajectory import Trajectory
+
+LEAST_COVERAGE = 0.99
+"""A run that covers less of its reference has failed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ErrorStatistics:
+    """Statistics of errors that are not negative, in their unit."""
+
+    mean: float
+    rmse: float
+    median: float
+    std: float
+    min: float
+    max: float
+    p95: float
+
+    @classmethod
+    def of(cls, errors: Array, **more: float) -> Self:
+        """Statistics of errors of shape (m,), m > 0."""
+        return cls(
+            mean=float(np.mean(errors)),
+            rmse=float(np.sqrt(np.mean(errors**2))),
+            median=float(np.median(errors)),
+            std=float(np.std(errors)),
+            min=float(np.min(errors)),
+            max=float(np.max(errors)),
+            p95=float(np.percentile(errors, 95)),
+            **more,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class StartStatistics(ErrorStatistics):
+    """Errors after the initial stretch of ``stretch_s`` that was fitted."""
+
+    stretch_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Se2Statistics(ErrorStatistics):
+    """Errors after the SE(2) fit, with the ``determinant`` of its rotation: never a reflection."""
+
+    determinant: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class AbsoluteErrors:
+    """Absolute trajectory error (m) by alignment; None where it cannot be told."""
+
+    none: ErrorStatistics | None = None
+    start: StartStatistics | None = None
+    se2: Se2Statistics | None = None
+    se3: ErrorStatistics | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RelativeErrors:
+    """Relative error over 10 m, 50 m and a tenth of the path; None where the path is shorter."""
+
+    per_10_m: Annotated[RelativeError | None, Field(alias="10_m")] = None
+    per_50_m: Annotated[RelativeError | None, Field(alias="50_m")] = None
+    per_10_percent: Annotated[RelativeError | None, Field(alias="10_percent")] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopCounts:
+    """Candidate loop closures and what became of them."""
+
+    proposed: int = 0
+    accepted: int = 0
+    rejected: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrajectoryMetrics:
+    """How well a trajectory agrees with a reference.
+
+    Attributes
+    ----------
+    ate : AbsoluteErrors
+        Horizontal (n, e).
+    ate_3d : AbsoluteErrors or None
+        With the vertical; None where the reference has no usable one.
+    rpe : RelativeErrors
+    drift_percent : float or None
+        Horizontal error at the last scored sample, without alignment, over the distance that the
+        reference travelled.
+    heading_error_deg : ErrorStatistics or None
+        Of the absolute heading error; None where the reference has no heading.
+    nees : Consistency or None
+        On (n, e), without alignment; None where the trajectory has no covariance.
+    coverage : float or None
+        Scored share of the reference's span (inside the window), 0 to 1.
+    """
+
+    ate: AbsoluteErrors = AbsoluteErrors()
+    ate_3d: AbsoluteErrors | None = None
+    rpe: RelativeErrors = RelativeErrors()
+    drift_percent: float | None = None
+    heading_error_deg: ErrorStatistics | None = None
+    nees: Consistency | None = None
+    coverage: float | None = None
+
+    @property
+    def failed(self) -> bool:
+        """Whether the trajectory covers too little of its reference."""
+        return self.coverage is not None and self.coverage < LEAST_COVERAGE
+
+    def to_json(self) -> dict[str, Any]:
+        """The document of metrics.json: null for what cannot be told, never NaN."""
+        document: dict[str, Any] = TypeAdapter(type(self)).dump_python(self, by_alias=True)
+        return document
+
+    @classmethod
+    def from_json(cls, document: Mapping[str, Any]) -> Self:
+        """The inverse of `to_json`.
+
+        Raises
+        ------
+        pydantic.ValidationError
+            Where the document has another shape.
+        """
+        metrics: Self = TypeAdapter(cls).validate_python(document)
+        return metrics
+
+    def __str__(self) -> str:
+        return "\n".join(self._lines())
+
+    def _lines(self) -> list[str]:
+        lines = []
+        for name in ALIGNMENTS:
+            e: ErrorStatistics | None = getattr(self.ate, name)
+            figures = (
+                "-"
+                if e is None
+                else f"mean {e.mean:.2f}  rmse {e.rmse:.2f}  p95 {e.p95:.2f}  max {e.max:.2f} m"
+            )
+            lines.append(f"ate {name:<5}  {figures}")
+        if self.nees is not None:
+            lines.append(f"nees       {self.nees.mean:.2f} ({self.nees.dof} degrees of freedom)")
+        if self.coverage is not None:
+            lines.append(f"coverage   {self.coverage:.3f}")
+        return lines
+
+
+@dataclass(frozen=True, kw_only=True)
+class Metrics(TrajectoryMetrics):
+    """Everything that metrics.json says of a run.
+
+    Attributes
+    ----------
+    ate_online : AbsoluteErrors or None
+        Of the causal estimate, where the method has one.
+    nis : mapping of str to Consistency
+        Of the updates, by sensor.
+    loops : LoopCounts
+    rejected : mapping of str to int
+        Measurements that were not used, by sensor.
+    n_keyframes : int
+    sonar : {"simulated", "recorded"} or None
+    gnss_used, gnss_withheld : int
+        Fixes that were measurements of the estimator, and fixes that it never saw.
+    """
+
+    ate_online: AbsoluteErrors | None = None
+    nis: Mapping[str, Consistency]
+    loops: LoopCounts
+    rejected: Mapping[str, int]
+    n_keyframes: int
+    sonar: SonarKind | None
+    gnss_used: int
+    gnss_withheld: int
+
+
+def evaluate(
+    solution: Solution,
+    reference: Sensor | None = None,
+    window_s: tuple[float, float] | None = None,
+) -> Metrics:
+    """Score a solution.
+
+    Parameters
+    ----------
+    solution : Solution
+    reference : Sensor, optional
+        Of type ``reference``; None takes the solution's own: the mission's reference, or else the
+        fixes that the GNSS policy withheld.
+    window_s : (float, float), optional
+        Half-open span of mission time that is scored.
+
+    Returns
+    -------
+    Metrics
+        Every score is None where there is nothing to score on.
+    """
+    reference = reference or solution.reference
+    scores, ate_online = TrajectoryMetrics(), None
+    if reference is not None:
+        series, lever_b, absolute = (
+            reference_series(reference),
+            reference.xyz_b,
+            solution.georeferenced,
+        )
+        scores = evaluate_trajectory(
+            solution.trajectory, series, lever_b, window_s, georeferenced=absolute
+        )
+        if solution.online is not None:
+            online = match(solution.online, series, lever_b, window_s)
+            ate_online = None if online is None else _absolute_errors(online, absolute)
+    return Metrics(
+        **{f.name: getattr(scores, f.name) for f in fields(scores)},
+        ate_online=ate_online,
+        nis={
+            sensor: found
+            for sensor, innovations in sorted(solution.innovations.items())
+            if (found := consistency(innovations.nis, innovations.dof)) is not None
+        },
+        loops=LoopCounts(
+            proposed=len(solution.loops),
+            accepted=sum(loop.verdict == "accepted" for loop in solution.loops),
+            rejected=sum(loop.verdict == "rejected" for loop in solution.loops),
+        ),
+        rejected=dict(sorted(Counter(r.sensor for r in solution.rejections).items())),
+        n_keyframes=solution.n_keyframes,
+        sonar=solution.sonar_kind,
+        gnss_used=solution.gnss_used,
+        gnss_withheld=solution.gnss_withheld,
+    )
+
+
+def reference_series(sensor: Sensor) -> ReferenceSeries:
+    """The series of a reference sensor.
+
+    Raises
+    ------
+    ValueError
+        For a sensor of another type.
+    """
+    if not isinstance(sensor.series, ReferenceSeries):
+        raise ValueError(f"sensor '{sensor.name}' is of type {sensor.type}, not a reference")
+    return sensor.series
+
+
+def evaluate_trajectory(
+    trajectory: Trajectory,
+    reference: ReferenceSeries,
+    lever_b: ArrayLike = (0.0, 0.0, 0.0),
+    window_s: tuple[float, float] | None = None,
+    *,
+    georeferenced: bool = True,
+) -> TrajectoryMetrics:
+    """Score a trajectory against a reference.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        Of the body's origin.
+    reference : ReferenceSeries
+    lever_b : array_like, shape (3,)
+        The reference's antenna in body coordinates, m.
+    window_s : (float, float), optional
+        Half-open span of mission time that is scored.
+    georeferenced : bool
+        Whether estimate and reference share a frame. Where they do not, what takes no alignment
+        (``ate.none``, drift, heading error, NEES) is None.
+    """
+    matched = match(trajectory, reference, lever_b, window_s)
+    if matched is None:
+        return TrajectoryMetrics()
+    if not len(matched.t):
+        return TrajectoryMetrics(coverage=matched.coverage)
+    nees = horizontal_nees(matched) if georeferenced else None
+    return TrajectoryMetrics(
+        ate=_absolute_errors(matched, georeferenced),
+        ate_3d=(
+            _absolute_errors(matched, georeferenced, vertical=True)
+            if reference.vertical_usable
+            else None
+        ),
+        rpe=RelativeErrors(
+            per_10_m=relative_error(matched, 10.0),
+            per_50_m=relative_error(matched, 50.0),
+            per_10_percent=relative_error(matched, None),
+        ),
+        drift_percent=_drift_percent(matched) if georeferenced else None,
+        heading_error_deg=_heading_error_deg(matched) if georeferenced else None,
+        nees=None if nees is None else consistency(nees, 2),
+        coverage=matched.coverage,
+    )
+
+
+def _absolute_errors(
+    matched: Matched, georeferenced: bool, vertical: bool = False
+) -> AbsoluteErrors:
+    def errors(aligned: Aligned) -> Array:
+        if vertical:
+            return np.asarray(np.linalg.norm(aligned.error_n, axis=1))
+        return aligned.horizontal_m
+
+    none, start, se2, se3 = (align(matched, name) for name in ALIGNMENTS)
+    return AbsoluteErrors(
+        none=ErrorStatistics.of(errors(none)) if none and georeferenced else None,
+        start=StartStatistics.of(errors(start), stretch_s=start.stretch_s) if start else None,
+        se2=(
+            Se2Statistics.of(errors(se2), determinant=float(np.linalg.det(se2.R))) if se2 else None
+        ),
+        se3=ErrorStatistics.of(errors(se3)) if se3 else None,
+    )
+
+
+def _drift_percent(matched: Matched) -> float | None:
+    distance = float(distance_m(matched.reference)[-1])
+    if distance == 0.0:
+        return None
+    last = (matched.estimate.p_n - matched.reference.p_n)[-1, :2]
+    return 100.0 * float(np.hypot(*last)) / distance
+
+
+def _heading_error_deg(matched: Matched) -> ErrorStatistics | None:
+    if matched.reference.rpy is None:
+        return None
+    error = wrap_angle(matched.estimate.rpy[:, 2] - matched.reference.rpy[:, 2])
+    return ErrorStatistics.of(np.degrees(np.abs(error)))

@@ -1,0 +1,21 @@
+"""The report's figures. Each function returns a matplotlib figure, or None for want of data."""
+
+from __future__ import annotations
+
+from gtsam_nav.evaluation.plots.errors import horizontal_errors, position_errors
+from gtsam_nav.evaluation.plots.heading import heading_errors, slow_states
+from gtsam_nav.evaluation.plots.loops import loop_verdicts
+from gtsam_nav.evaluation.plots.plan import plan_view
+from gtsam_nav.evaluation.plots.style import save_png
+from gtsam_nav.evaluation.plots.timeline import sensor_timeline
+
+__all__ = [
+    "heading_errors",
+    "horizontal_errors",
+    "loop_verdicts",
+    "plan_view",
+    "position_errors",
+    "save_png",
+    "sensor_timeline",
+    "slow_states",
+]

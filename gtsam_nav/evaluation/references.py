@@ -1,0 +1,65 @@
+"""What a trajectory from elsewhere can be scored on: a file of positions, or a mission."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from gtsam_nav.errors import DataError
+from gtsam_nav.mission import ReferenceSeries, Sensor
+from gtsam_nav.preprocess.cleaning import tidy
+from gtsam_nav.preprocess.gnss_policy import GnssSettings, split_fixes
+from gtsam_nav.readers import open_mission
+from gtsam_nav.readers._table import read_table
+from gtsam_nav.solution import Progress, no_progress
+from gtsam_nav.writers.trajectories import read_trajectory
+
+
+def open_reference(path: Path, gnss: GnssSettings, progress: Progress = no_progress) -> Sensor:
+    """Open a reference.
+
+    Parameters
+    ----------
+    path : Path
+        A ``.tum`` file or a ``.csv`` in the columns of a mission folder's reference (t, n, e, d
+        [, roll_deg, pitch_deg, yaw_deg][, sigma]), both in mission time and local NED; or a
+        mission.
+    gnss : GnssSettings
+        Of a mission without a reference of its own the fixes that this policy withholds are taken.
+    progress : Progress, optional
+
+    Raises
+    ------
+    DataError
+        Where the file or mission cannot be read, or holds nothing to score on.
+    """
+    if path.suffix == ".tum":
+        trajectory = read_trajectory(path)
+        series = ReferenceSeries(t=trajectory.t, p_n=trajectory.p_n, rpy=trajectory.rpy)
+        return Sensor(path.name, "reference", series)
+    if path.suffix == ".csv" or path.suffixes[-2:] == [".csv", ".gz"]:
+        return _read_positions(path)
+    _, reference, _ = split_fixes(open_mission(path, progress), gnss)
+    if reference is None:
+        raise DataError(
+            "the mission has no reference, and the GNSS policy withholds no fix to score on; "
+            "set gnss.use in the configuration",
+            path,
+        )
+    return reference
+
+
+def _read_positions(path: Path) -> Sensor:
+    attitude = ("roll_deg", "pitch_deg", "yaw_deg")
+    table = read_table(path, ("t", "n", "e", "d"), (*attitude, "sigma"))
+    columns = {"t": table.columns["t"]}
+    columns["p_n"] = np.column_stack([table.columns[name] for name in ("n", "e", "d")])
+    if table.has(attitude):
+        columns["rpy"] = np.radians(np.column_stack([table.columns[name] for name in attitude]))
+    if table.has(("sigma",)):
+        columns["sigma"] = table.columns["sigma"]
+    series, rejections = tidy(ReferenceSeries, path.name, columns)
+    if series is None:
+        raise DataError(f"no valid position ({len(rejections)} dropped)", path)
+    return Sensor(path.name, "reference", series)

@@ -1,0 +1,305 @@
+"""The report: one self-contained page for people, its figures beside it."""
+
+from __future__ import annotations
+
+import base64
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gtsam_nav.config import Config
+from gtsam_nav.errors import OutputError
+from gtsam_nav.evaluation import plots
+from gtsam_nav.evaluation import report_tables as tables
+from gtsam_nav.evaluation.html import Html, element, join
+from gtsam_nav.evaluation.metrics import LEAST_COVERAGE, Metrics, evaluate
+from gtsam_nav.evaluation.plots.style import foremost
+from gtsam_nav.solution import Solution
+from gtsam_nav.writers.run_folder import RECORD
+from gtsam_nav.writers.run_record import RunRecord, read_record
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class _Report:
+    """What the sections draw on."""
+
+    solutions: Sequence[Solution]
+    config: Config
+    metrics: dict[str, Metrics]
+    whole: dict[str, Metrics]
+    records: dict[str, RunRecord]
+    plots_folder: Path
+
+    @property
+    def simulated(self) -> bool:
+        return any(m.sonar == "simulated" for m in self.metrics.values())
+
+    def figure(self, name: str, made: Figure | None, caption: str, class_: str = "") -> Html:
+        """A figure, written beside the page and embedded in it; nothing where there is none."""
+        if made is None:
+            return Html("")
+        png = plots.save_png(made, self.plots_folder / f"{name}.png").read_bytes()
+        source = f"data:image/png;base64,{base64.b64encode(png).decode('ascii')}"
+        image = Html(element("img", src=source, alt=caption).removesuffix("</img>"))
+        return element("figure", image, element("figcaption", caption), class_=class_)
+
+
+def write_report(
+    solutions: Sequence[Solution], out: Path | str, config: Config | None = None
+) -> Path:
+    """Write ``out/report.html`` and ``out/plots/*.png``: all solutions of a mission side by side.
+
+    Times are those of the run folders in ``out``, where `write_run` put them.
+
+    Parameters
+    ----------
+    solutions : sequence of Solution
+        Of one mission.
+    out : Path or str
+        Made where it is missing.
+    config : Config, optional
+        As it was resolved for the runs; its window is scored.
+
+    Returns
+    -------
+    Path
+        The page.
+
+    Raises
+    ------
+    OutputError
+        Where the folder cannot be written.
+    ValueError
+        Without a solution.
+    """
+    if not solutions:
+        raise ValueError("a report needs at least one solution")
+    folder = Path(out)
+    config = config or Config()
+    window_s = config.evaluation.window_s
+    report = _Report(
+        solutions=solutions,
+        config=config,
+        metrics={s.method: evaluate(s, window_s=window_s) for s in solutions},
+        whole={s.method: evaluate(s) for s in solutions} if window_s else {},
+        records=_records(solutions, folder),
+        plots_folder=folder / "plots",
+    )
+    try:
+        report.plots_folder.mkdir(parents=True, exist_ok=True)
+        page, draft = folder / "report.html", folder / ".report.html.draft"
+        draft.write_text(_page(report), encoding="utf-8", newline="\n")
+        os.replace(draft, page)  # noqa: PTH105
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot write the report: {error}") from error
+    return page
+
+
+def _records(solutions: Sequence[Solution], folder: Path) -> dict[str, RunRecord]:
+    paths = {s.method: folder / s.method / RECORD for s in solutions}
+    return {name: read_record(path) for name, path in paths.items() if path.is_file()}
+
+
+def _page(report: _Report) -> str:
+    title = f"{report.solutions[0].mission.name}: navigation report"
+    css = files("gtsam_nav.evaluation").joinpath("report.css").read_text(encoding="utf-8")
+    sections: Sequence[Callable[[_Report], Html]] = (
+        _header, _banners, _summary, _plan, _errors, _consistency, _heading, _loops, _sensors,
+        _provenance,
+    )  # fmt: skip
+    head = element(
+        "head",
+        Html('<meta charset="utf-8">'),
+        Html('<meta name="viewport" content="width=device-width, initial-scale=1">'),
+        element("title", title),
+        element("style", Html(css)),
+    )
+    body = element("body", element("main", *(section(report) for section in sections)))
+    return "<!doctype html>\n" + element("html", head, body, lang="en") + "\n"
+
+
+def _section(title: str | Html, *content: str | Html) -> Html:
+    kept = [piece for piece in content if piece]
+    return element("section", element("h2", title), *kept) if kept else Html("")
+
+
+def _scored_title(report: _Report, title: str) -> Html:
+    """A heading over figures; those of simulated sonar say so."""
+    label = element("span", "simulated sonar", class_="label") if report.simulated else Html("")
+    return join([title, label])
+
+
+def _header(report: _Report) -> Html:
+    mission, config = report.solutions[0].mission, report.config
+    begin, end = mission.span_s
+    facts = [f"{end - begin:.0f} s of data"]
+    if mission.start_utc is not None:
+        start = datetime.fromtimestamp(mission.start_utc, UTC)
+        facts.append(f"starts {start:%Y-%m-%d %H:%M:%S} UTC")
+    if mission.origin is not None:
+        facts.append(
+            f"origin {mission.origin.latitude_deg:.6f}°, {mission.origin.longitude_deg:.6f}°"
+        )
+    reference = report.solutions[0].reference
+    facts.append(f"scored on {reference.name}" if reference else "nothing to score on")
+    if config.evaluation.window_s is not None:
+        first, last = config.evaluation.window_s
+        facts.append(f"scored window {first:g} to {last:g} s")
+    chips = [element("li", fact) for fact in facts]
+    if report.simulated:
+        chips.append(element("li", "simulated sonar", class_="simulated"))
+    return join(
+        [
+            element("h1", mission.name),
+            element("p", f"Methods: {', '.join(report.metrics)}", class_="muted"),
+            element("ul", *chips, class_="chips"),
+        ]
+    )
+
+
+def _banners(report: _Report) -> Html:
+    pieces = [
+        element(
+            "div",
+            f"The run of {name} failed: it covers {100 * m.coverage:.1f} % of what is scored "
+            f"({100 * LEAST_COVERAGE:.0f} % is the least).",
+            class_="banner failed",
+        )
+        for name, m in report.metrics.items()
+        if m.failed and m.coverage is not None
+    ]
+    warnings = {
+        warning: None
+        for solution in report.solutions
+        for warning in (*solution.mission.warnings, *solution.warnings)
+    }
+    if warnings:
+        items = element("ul", *(element("li", warning) for warning in warnings))
+        pieces.append(element("div", "Take note:", items, class_="banner warnings"))
+    return join(pieces)
+
+
+def _summary(report: _Report) -> Html:
+    if all(s.reference is None for s in report.solutions):
+        why = "Every score is empty: all fixes were used, and the mission has no other reference."
+        return _section("Scores", element("p", why))
+    note = (
+        "Horizontal error of the estimate at the reference's times and antenna. "
+        "Start: aligned on the first 30 m, which are not scored. Never scaled."
+    )
+    if not all(s.georeferenced for s in report.solutions):
+        note += " Without an absolute start, errors without alignment are left empty."
+    pieces = [
+        tables.summary_table(report.metrics, report.records),
+        element("p", note, class_="note"),
+    ]
+    if report.whole:
+        pieces += [
+            element("h3", "The same over the whole reference, inside and outside the window"),
+            tables.summary_table(report.whole, report.records),
+        ]
+    return _section(_scored_title(report, "Scores"), *pieces)
+
+
+def _plan(report: _Report) -> Html:
+    caption = "Plan view: north up, east right, equal scales."
+    made = plots.plan_view(report.solutions)
+    return _section("Plan view", report.figure("plan_view", made, caption, "plan"))
+
+
+def _errors(report: _Report) -> Html:
+    window_s = report.config.evaluation.window_s
+    compared = plots.horizontal_errors(report.solutions, window_s)
+    if compared is None:
+        return Html("")
+    figures = [
+        report.figure("horizontal_errors", compared, "Horizontal error against time, all methods.")
+    ]
+    for s in report.solutions:
+        made = plots.position_errors(s, window_s)
+        caption = f"{s.method}: error north, east and horizontal, with three sigma."
+        figures.append(report.figure(f"position_errors_{s.method}", made, caption))
+    return _section(
+        _scored_title(report, "Errors"),
+        *figures,
+        element("h3", "Absolute error (m)"),
+        tables.error_table(report.metrics),
+        element("h3", "Relative error, drift and heading"),
+        tables.drift_table(report.metrics),
+    )
+
+
+def _consistency(report: _Report) -> Html:
+    if not any(m.nees or m.nis for m in report.metrics.values()):
+        return Html("")
+    note = (
+        "Squared errors over what the method says of itself. A mean above the expected one is "
+        "overconfidence, below it caution."
+    )
+    return _section(
+        "Consistency",
+        tables.consistency_table(report.metrics),
+        element("p", note, class_="note"),
+    )
+
+
+def _heading(report: _Report) -> Html:
+    caption = "Heading of each method, and of the compass as it reads."
+    figures = [report.figure("heading", plots.heading_errors(report.solutions), caption)]
+    for s in report.solutions:
+        caption = f"{s.method}: estimated biases and other slow states, with three sigma."
+        figures.append(report.figure(f"slow_states_{s.method}", plots.slow_states(s), caption))
+    return _section("Heading and biases", *figures)
+
+
+def _loops(report: _Report) -> Html:
+    pieces: list[Html] = []
+    for s in report.solutions:
+        made = plots.loop_verdicts(s)
+        if made is not None:
+            caption = f"{s.method}: every candidate loop closure, by time and by match."
+            pieces += [report.figure(f"loops_{s.method}", made, caption), tables.loop_table(s)]
+    return _section("Loop closures", *pieces)
+
+
+def _sensors(report: _Report) -> Html:
+    caption = "Every sensor's samples; gaps are white, red was not used."
+    made = plots.sensor_timeline(foremost(report.solutions))
+    pieces = [
+        report.figure("sensor_timeline", made, caption),
+        element("h3", "GNSS"),
+        tables.gnss_table(report.metrics),
+    ]
+    if any(s.rejections for s in report.solutions):
+        pieces += [
+            element("h3", "Measurements that were not used"),
+            tables.rejection_table(report.solutions),
+        ]
+    return _section("Sensors", *pieces)
+
+
+def _provenance(report: _Report) -> Html:
+    pieces: list[Html] = []
+    if report.records:
+        record = next(iter(report.records.values()))
+        versions = ", ".join(f"{name} {version}" for name, version in record.versions.items())
+        pieces += [
+            element("h3", "Time"),
+            tables.timing_table(report.records),
+            element("h3", "Provenance"),
+            element("p", f"{versions}; seed {record.seed}"),
+        ]
+        if record.command:
+            pieces.append(element("pre", record.command))
+        if record.sources:
+            pieces.append(tables.source_table(record))
+    configuration = element("pre", report.config.to_yaml())
+    pieces.append(element("details", element("summary", "Configuration"), configuration))
+    return _section("How this was made", *pieces)

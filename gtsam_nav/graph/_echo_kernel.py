@@ -1,0 +1,229 @@
+"""Compiled parts of the joint refinement: local shapes, partners and normal equations."""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+
+from gtsam_nav.frames import Array
+from gtsam_nav.mission import BoolArray, IntArray
+
+
+@numba.njit(cache=True, error_model="numpy")
+def local_lines(
+    xy: Array, scan_first: IntArray, radius: float, max_thickness: float
+) -> tuple[Array, BoolArray]:
+    """Normal of the wall at each echo, from its neighbours in the same scan.
+
+    Returns
+    -------
+    normal : ndarray, shape (k, 2)
+    is_line : ndarray of bool, shape (k,)
+        At least four neighbours, thin across the normal and three times as long along the wall.
+    """
+    n = len(xy)
+    normal, is_line = np.zeros((n, 2)), np.zeros(n, np.bool_)
+    r2 = radius * radius
+    for s in range(len(scan_first) - 1):
+        for i in range(scan_first[s], scan_first[s + 1]):
+            count, mx, my, sxx, sxy, syy = 0, 0.0, 0.0, 0.0, 0.0, 0.0
+            for j in range(scan_first[s], scan_first[s + 1]):
+                dx, dy = xy[j, 0] - xy[i, 0], xy[j, 1] - xy[i, 1]
+                if dx * dx + dy * dy <= r2:
+                    count += 1
+                    mx += dx
+                    my += dy
+                    sxx += dx * dx
+                    sxy += dx * dy
+                    syy += dy * dy
+            if count < 4:
+                continue
+            mx, my = mx / count, my / count
+            sxx, sxy, syy = sxx / count - mx * mx, sxy / count - mx * my, syy / count - my * my
+            half = 0.5 * (sxx + syy)
+            root = math.sqrt(max(0.25 * (sxx - syy) ** 2 + sxy * sxy, 0.0))
+            small, large = max(half - root, 0.0), half + root
+            angle = 0.5 * math.atan2(2 * sxy, sxx - syy)
+            normal[i, 0], normal[i, 1] = -math.sin(angle), math.cos(angle)
+            is_line[i] = small < max_thickness * max_thickness and large > 9.0 * small
+    return normal, is_line
+
+
+@numba.njit(cache=True, error_model="numpy")
+def partners(
+    xy: Array,
+    scan: IntArray,
+    n_scans: int,
+    scan_xy: Array,
+    scan_radius: float,
+    gate: float,
+    normal: Array,
+    is_line: BoolArray,
+) -> tuple[IntArray, IntArray]:
+    """For each echo, the nearest echo of each other scan taken nearby, within a gate.
+
+    An echo on a wall pairs only with echoes on walls of like direction, another only with others.
+
+    Returns
+    -------
+    i, j : ndarray of int, shape (m,)
+        Pairs, sorted by i and then by the scan of j.
+    """
+    n = len(xy)
+    cell = gate
+    x0, y0 = xy[:, 0].min(), xy[:, 1].min()
+    nx = int((xy[:, 0].max() - x0) / cell) + 1
+    ny = int((xy[:, 1].max() - y0) / cell) + 1
+    cx = ((xy[:, 0] - x0) / cell).astype(np.int64)
+    cy = ((xy[:, 1] - y0) / cell).astype(np.int64)
+    index = cx * ny + cy
+    order = np.argsort(index, kind="mergesort")
+    first = np.searchsorted(index[order], np.arange(nx * ny + 1))
+    out_i, out_j = np.empty(n * 8, np.int64), np.empty(n * 8, np.int64)
+    count = 0
+    best = np.full(n_scans, -1, np.int64)
+    best_d2 = np.empty(n_scans)
+    touched = np.empty(n_scans, np.int64)
+    for i in range(n):
+        n_touched = 0
+        for ix in range(max(cx[i] - 1, 0), min(cx[i] + 2, nx)):
+            for iy in range(max(cy[i] - 1, 0), min(cy[i] + 2, ny)):
+                c = ix * ny + iy
+                for m in range(first[c], first[c + 1]):
+                    j = order[m]
+                    s = scan[j]
+                    if s == scan[i] or is_line[j] != is_line[i]:
+                        continue
+                    dx, dy = xy[j, 0] - xy[i, 0], xy[j, 1] - xy[i, 1]
+                    d2 = dx * dx + dy * dy
+                    if d2 >= gate * gate:
+                        continue
+                    if best[s] >= 0 and d2 >= best_d2[s]:
+                        continue
+                    sx = scan_xy[s, 0] - scan_xy[scan[i], 0]
+                    sy = scan_xy[s, 1] - scan_xy[scan[i], 1]
+                    if sx * sx + sy * sy > scan_radius * scan_radius:
+                        continue
+                    if is_line[i]:
+                        along = normal[i, 0] * normal[j, 0] + normal[i, 1] * normal[j, 1]
+                        if abs(along) < 0.9:
+                            continue
+                    if best[s] < 0:
+                        touched[n_touched] = s
+                        n_touched += 1
+                    best[s], best_d2[s] = j, d2
+        chosen = np.sort(touched[:n_touched])
+        if count + n_touched > len(out_i):
+            out_i = np.concatenate((out_i, np.empty(len(out_i), np.int64)))
+            out_j = np.concatenate((out_j, np.empty(len(out_j), np.int64)))
+        for s in chosen:
+            out_i[count], out_j[count] = i, best[s]
+            count += 1
+            best[s] = -1
+    return out_i[:count].copy(), out_j[:count].copy()
+
+
+@numba.njit(cache=True, error_model="numpy")
+def mutual(i: IntArray, j: IntArray, scan: IntArray, n: int) -> BoolArray:
+    """Which pairs are each other's choice."""
+    first = np.searchsorted(i, np.arange(n + 1))
+    keep = np.zeros(len(i), np.bool_)
+    for m in range(len(i)):
+        for k in range(first[j[m]], first[j[m] + 1]):
+            if scan[j[k]] == scan[i[m]]:
+                keep[m] = j[k] == i[m]
+                break
+    return keep
+
+
+@numba.njit(cache=True, error_model="numpy")
+def squared_residuals(
+    i: IntArray, j: IntArray, xy: Array, cov: Array, normal: Array, is_line: BoolArray
+) -> Array:
+    """Squared normalised residual of each pair: across the wall, or in the plane (halved)."""
+    out = np.empty(len(i))
+    for m in range(len(i)):
+        a, b = i[m], j[m]
+        ex, ey = xy[a, 0] - xy[b, 0], xy[a, 1] - xy[b, 1]
+        sxx, sxy = cov[a, 0, 0] + cov[b, 0, 0], cov[a, 0, 1] + cov[b, 0, 1]
+        syy = cov[a, 1, 1] + cov[b, 1, 1]
+        if is_line[b]:
+            nx, ny = normal[b, 0], normal[b, 1]
+            r = nx * ex + ny * ey
+            out[m] = r * r / (nx * nx * sxx + 2 * nx * ny * sxy + ny * ny * syy)
+        else:
+            det = sxx * syy - sxy * sxy
+            out[m] = 0.5 * (syy * ex * ex - 2 * sxy * ex * ey + sxx * ey * ey) / det
+    return out
+
+
+@numba.njit(cache=True, error_model="numpy")
+def accumulate(
+    i: IntArray,
+    j: IntArray,
+    block: IntArray,
+    n_blocks: int,
+    xy: Array,
+    arm: Array,
+    cov: Array,
+    normal: Array,
+    is_line: BoolArray,
+    fraction: Array,
+    weight: Array,
+) -> tuple[Array, Array]:
+    """Normal equations of all pairs, by block of the two knot intervals that a pair touches.
+
+    An echo at ``fraction`` f of its interval moves by ``(1 - f) d_k + f d_(k+1)`` of the knots'
+    corrections (dn, de, dyaw), yaw acting through ``arm``, the echo's offset from the vehicle.
+
+    Returns
+    -------
+    A : ndarray, shape (n_blocks, 12, 12)
+        Over the knots (k_i, k_i + 1, k_j, k_j + 1).
+    g : ndarray, shape (n_blocks, 12)
+        Right-hand side: the step solves ``A step = g``.
+    """
+    A, g = np.zeros((n_blocks, 12, 12)), np.zeros((n_blocks, 12))
+    J = np.zeros((2, 12))
+    row = np.zeros(12)
+    for m in range(len(i)):
+        a, b, k = i[m], j[m], block[m]
+        for side in range(2):
+            e, sign = (a, 1.0) if side == 0 else (b, -1.0)
+            for end in range(2):
+                f = sign * (fraction[e] if end == 1 else 1.0 - fraction[e])
+                c = 6 * side + 3 * end
+                J[0, c], J[1, c + 1] = f, f
+                J[0, c + 2], J[1, c + 2] = -f * arm[e, 1], f * arm[e, 0]
+        ex, ey = xy[a, 0] - xy[b, 0], xy[a, 1] - xy[b, 1]
+        sxx, sxy = cov[a, 0, 0] + cov[b, 0, 0], cov[a, 0, 1] + cov[b, 0, 1]
+        syy = cov[a, 1, 1] + cov[b, 1, 1]
+        if is_line[b]:
+            nx, ny = normal[b, 0], normal[b, 1]
+            w = weight[m] / (nx * nx * sxx + 2 * nx * ny * sxy + ny * ny * syy)
+            _add_row(A[k], g[k], nx, ny, nx * ex + ny * ey, w, J, row)
+        else:
+            # two independent rows along the eigenvectors of the covariance
+            angle = 0.5 * math.atan2(2 * sxy, sxx - syy)
+            for _ in range(2):
+                ux, uy = math.cos(angle), math.sin(angle)
+                w = weight[m] / (ux * ux * sxx + 2 * ux * uy * sxy + uy * uy * syy)
+                _add_row(A[k], g[k], ux, uy, ux * ex + uy * ey, w, J, row)
+                angle += 0.5 * math.pi
+    return A, g
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _add_row(
+    A: Array, g: Array, ux: float, uy: float, residual: float, w: float, J: Array, row: Array
+) -> None:
+    """Add one scalar residual along (ux, uy)."""
+    for c in range(12):
+        row[c] = ux * J[0, c] + uy * J[1, c]
+    for c in range(12):
+        wc = w * row[c]
+        g[c] -= wc * residual
+        for d in range(12):
+            A[c, d] += wc * row[d]

@@ -1,0 +1,239 @@
+"""Joint refinement: all echoes registered at once, each at its own beam's time.
+
+Between keyframes the correction of the vehicle's own motion is linear in time, so that a scan may
+bend. Walls give residuals across themselves, all else in the plane between mutual nearest echoes;
+weights adapt to the residuals found. If N scans saw one spot, the N (N - 1) / 2 differences among
+them carry what N - 1 independent ones would: each echo's residuals are weighed by 1 / N.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gtsam_nav.frames import Array, wrap_angle
+from gtsam_nav.graph.factors import X
+from gtsam_nav.graph.sensor_posterior import SensorPosterior, sensor_posterior
+from gtsam_nav.graph.settings import RefinementSettings
+from gtsam_nav.mission import IntArray
+from gtsam_nav.preprocess.motion import VehicleMotion
+from gtsam_nav.solution import Progress
+from gtsam_nav.sonar.echoes import Echoes
+from gtsam_nav.sonar.scans import Turns
+
+log = logging.getLogger(__name__)
+
+CHI2_MEDIAN_1_DOF = 0.4549
+MAX_RELINEARISATIONS = 6
+
+
+@dataclass(frozen=True)
+class Knots:
+    """Where echoes stand between keyframes.
+
+    Attributes
+    ----------
+    keyframes : ndarray of int, shape (m,)
+        Keyframes that echoes depend on, in order: the knots.
+    knot : ndarray of int, shape (k,)
+        Index of the knot before each echo; the next knot is the one after it.
+    fraction : ndarray, shape (k,)
+        Of the interval between the two.
+    """
+
+    keyframes: IntArray
+    knot: IntArray
+    fraction: Array
+
+
+def knots_of(t_echoes: Array, t_keyframes: Array) -> Knots:
+    """The keyframes around each echo."""
+    before = np.clip(
+        np.searchsorted(t_keyframes, t_echoes, side="right") - 1, 0, len(t_keyframes) - 2
+    )
+    keyframes = np.unique(np.concatenate([before, before + 1]))
+    span = t_keyframes[before + 1] - t_keyframes[before]
+    fraction = np.clip((t_echoes - t_keyframes[before]) / span, 0.0, 1.0)
+    return Knots(keyframes, np.searchsorted(keyframes, before), fraction)
+
+
+@dataclass(frozen=True)
+class Refined:
+    """Values after the refinement and what the sonar told about the planar knots."""
+
+    values: Any
+    posterior: SensorPosterior
+    knots: Knots
+    planar_information: Array
+    iterations: int
+    converged: bool
+
+
+class JointRefinement:
+    """Registers all echoes of a mission at once.
+
+    Parameters
+    ----------
+    echoes : Echoes
+    turns : Turns
+    t_keyframes : ndarray, shape (n,)
+    motion : VehicleMotion
+    settings : RefinementSettings
+    """
+
+    def __init__(
+        self,
+        echoes: Echoes,
+        turns: Turns,
+        t_keyframes: Array,
+        motion: VehicleMotion,
+        settings: RefinementSettings,
+    ) -> None:
+        bounds = np.searchsorted(echoes.beam, np.append(turns.first, turns.last[-1:]))
+        inside = slice(bounds[0], bounds[-1])
+        self.settings = settings
+        self.xy_b = echoes.xy_b[inside]
+        self.cov_b = echoes.cov_b[inside]
+        self.t = echoes.t[inside]
+        self.scan_first = bounds - bounds[0]
+        self.scan = np.repeat(np.arange(len(turns)), np.diff(bounds))
+        self.knots = knots_of(self.t, t_keyframes)
+        p_n, rpy = motion.at(self.t)
+        self._ne, self._yaw = p_n[:, :2], rpy[:, 2]
+        p_n, rpy = motion.at(t_keyframes[self.knots.keyframes])
+        self._knot_ne, self._knot_yaw = p_n[:, :2], rpy[:, 2]
+        self._scan_middle = np.searchsorted(self.t, turns.t_ref)
+
+    def run(self, graph: Any, values: Any, progress: Progress) -> Refined:
+        """Refine until the estimate stops changing.
+
+        Parameters
+        ----------
+        graph : gtsam.NonlinearFactorGraph
+            All factors but the scan matches, whose echoes are used here.
+        values : gtsam.Values
+            Start.
+        """
+        gate, iterations = self.settings.first_gate_m, 0
+        for _ in range(MAX_RELINEARISATIONS):
+            posterior = sensor_posterior(graph, values, self.knots.keyframes)
+            planar, information, gate, count, settled = self._solve(
+                posterior, gate, iterations, progress
+            )
+            iterations += count
+            values = posterior.retracted(posterior.step_given(planar.ravel()))
+            done = settled and np.max(np.abs(planar[:, :2])) < 2 * self.settings.converged_m
+            if done or iterations >= self.settings.max_iterations:
+                break
+        progress("refinement", 1.0)
+        log.info("joint refinement: %d iterations, converged: %s", iterations, done)
+        return Refined(values, posterior, self.knots, information, iterations, bool(done))
+
+    def _solve(
+        self, posterior: SensorPosterior, gate: float, before: int, progress: Progress
+    ) -> tuple[Array, Array, float, int, bool]:
+        """Iterate associations on one linearisation of the sensors."""
+        from scipy.linalg import cho_factor, cho_solve
+
+        m = len(self.knots.keyframes)
+        prior = np.linalg.inv(posterior.planar_cov)
+        origin = self._planar_of(posterior.values)
+        planar = np.zeros((m, 3))
+        information = np.zeros((3 * m, 3 * m))
+        count, settled = 0, False
+        while not settled and before + count < self.settings.max_iterations:
+            information, gradient = self._normal_equations(origin + planar, gate)
+            gradient -= prior @ (planar.ravel() - posterior.planar_mean)
+            step = cho_solve(cho_factor(prior + information), gradient).reshape(m, 3)
+            planar = planar + step
+            count += 1
+            progress("refinement", (before + count) / self.settings.max_iterations)
+            narrow = gate <= self.settings.last_gate_m
+            settled = narrow and float(np.max(np.abs(step[:, :2]))) < self.settings.converged_m
+            gate = max(gate * self.settings.gate_factor, self.settings.last_gate_m)
+            log.debug("refinement: largest step %.3f m", np.max(np.abs(step[:, :2])))
+        return planar, information, gate, count, settled
+
+    def _planar_of(self, values: Any) -> Array:
+        """North, east and yaw of the knots, yaw unwrapped beside the motion's; shape (m, 3)."""
+        states = [values.atNavState(X(int(k))) for k in self.knots.keyframes]
+        ne = np.array([s.position()[:2] for s in states])
+        yaw = np.array([s.attitude().yaw() for s in states])
+        beside = self._knot_yaw + wrap_angle(yaw - self._knot_yaw)
+        return np.column_stack([ne, beside])
+
+    def _normal_equations(self, knots: Array, gate: float) -> tuple[Array, Array]:
+        """Sonar's information on the knots, (3m, 3m), and the gradient (3m,) at their poses."""
+        from gtsam_nav.graph._echo_kernel import (
+            accumulate,
+            local_lines,
+            partners,
+            squared_residuals,
+        )
+
+        xy, arm, cov = self._place(knots)
+        s = self.settings
+        normal, is_line = local_lines(xy, self.scan_first, s.line_radius_m, s.line_thickness_m)
+        middle = np.clip(self._scan_middle, 0, len(xy) - 1)
+        vehicle = (xy - arm)[middle]
+        i, j = partners(
+            xy, self.scan, len(vehicle), vehicle, s.neighbour_radius_m, gate, normal, is_line
+        )
+        i, j = self._keep_mutual(i, j, is_line)
+        d2 = squared_residuals(i, j, xy, cov, normal, is_line)
+        weight = self._weights(i, d2, is_line)
+        intervals, block = np.unique(
+            self.knots.knot[i] * len(knots) + self.knots.knot[j], return_inverse=True
+        )
+        A, g = accumulate(
+            i, j, block, len(intervals), xy, arm, cov, normal, is_line, self.knots.fraction, weight
+        )
+        return _assemble(intervals // len(knots), intervals % len(knots), A, g, len(knots))
+
+    def _place(self, knots: Array) -> tuple[Array, Array, Array]:
+        """Echoes in the navigation frame, their arms from the vehicle, and covariances."""
+        correction = knots - np.column_stack([self._knot_ne, self._knot_yaw])
+        f = self.knots.fraction[:, None]
+        own = (1 - f) * correction[self.knots.knot] + f * correction[self.knots.knot + 1]
+        yaw = self._yaw + own[:, 2]
+        c, s = np.cos(yaw), np.sin(yaw)
+        B = np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], axis=-2)
+        arm = np.einsum("kij,kj->ki", B, self.xy_b)
+        return self._ne + own[:, :2] + arm, arm, B @ self.cov_b @ np.swapaxes(B, 1, 2)
+
+    def _keep_mutual(self, i: IntArray, j: IntArray, is_line: Array) -> tuple[IntArray, IntArray]:
+        """Off the walls only mutual choices count."""
+        from gtsam_nav.graph._echo_kernel import mutual
+
+        keep = is_line[i] | mutual(i, j, self.scan, len(self.scan))
+        return i[keep], j[keep]
+
+    def _weights(self, i: IntArray, d2: Array, is_line: Array) -> Array:
+        """Cauchy weights in units of the spread found, shared among an echo's many partners."""
+        weight = np.empty(len(d2))
+        for kind in (True, False):
+            these = is_line[i] == kind
+            if not np.any(these):
+                continue
+            spread2 = max(1.0, float(np.median(d2[these])) / CHI2_MEDIAN_1_DOF)
+            scaled = d2[these] / spread2
+            weight[these] = 1.0 / (1.0 + scaled / self.settings.cauchy_k**2) / spread2
+        visits = np.bincount(i, minlength=len(self.scan)) + 1
+        return np.asarray(weight / visits[i])
+
+
+def _assemble(a: IntArray, b: IntArray, A: Array, g: Array, n_knots: int) -> tuple[Array, Array]:
+    """Blocks over (a, a + 1, b, b + 1) summed into one matrix over all knots."""
+    from scipy.sparse import coo_array
+
+    knots = np.stack([a, a + 1, b, b + 1], axis=1)
+    columns = (3 * knots[:, :, None] + np.arange(3)).reshape(len(a), 12)
+    rows = np.repeat(columns, 12, axis=1).ravel()
+    size = 3 * n_knots
+    information = coo_array(
+        (A.ravel(), (rows, np.tile(columns, (1, 12)).ravel())), shape=(size, size)
+    )
+    return information.toarray(), np.bincount(columns.ravel(), g.ravel(), minlength=size)

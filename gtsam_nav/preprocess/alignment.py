@@ -1,0 +1,132 @@
+"""Where and how the vehicle stands when the estimate begins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gtsam_nav.errors import DataError
+from gtsam_nav.frames import Array, rotation_from_rpy, wrap_angle
+from gtsam_nav.mission import DepthSeries, GnssSeries, ImuSeries, Mission
+from gtsam_nav.sensors.orientation import headings_true, tilt_at
+
+UNKNOWN_SIGMA_M = 1.0
+"""Spread of a start that only defines the local frame."""
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """State of the body at the start of the estimate.
+
+    Attributes
+    ----------
+    t : float
+        Mission time, s.
+    p_n, sigma_p : ndarray, shape (3,)
+        Position and its standard deviations, m.
+    rpy, sigma_rpy : ndarray, shape (3,)
+        Roll, pitch, yaw and their standard deviations, rad.
+    georeferenced : bool
+        Whether the position is known in the navigation frame, or merely its zero.
+    """
+
+    t: float
+    p_n: Array
+    sigma_p: Array
+    rpy: Array
+    sigma_rpy: Array
+    georeferenced: bool
+
+    @property
+    def R_nb(self) -> Array:  # noqa: N802
+        """Rotation matrix of the attitude."""
+        return rotation_from_rpy(self.rpy)
+
+
+def align(mission: Mission) -> Alignment:
+    """Initial alignment from the mission's statement, GNSS, AHRS and rest levelling.
+
+    Parameters
+    ----------
+    mission : Mission
+        With the GNSS fixes that may be used, and no others.
+
+    Raises
+    ------
+    DataError
+        Where no sensor has a sample.
+    """
+    start, stop = mission.span_s
+    if stop <= start:
+        raise DataError(f"mission '{mission.name}' has no span in time to estimate over")
+    heading, sigma_heading = _heading(mission)
+    tilt, sigma_tilt = _tilt(mission, start)
+    rpy = np.array([*tilt, heading])
+    p_n, sigma_p, georeferenced = _position(mission, rotation_from_rpy(rpy))
+    depth = mission.first("depth")
+    if depth is not None:
+        series = depth.series
+        assert isinstance(series, DepthSeries)
+        p_n[2], sigma_p[2] = series.depth_m[0], series.sigma[0]
+    sigma_rpy = np.array([sigma_tilt, sigma_tilt, sigma_heading])
+    return Alignment(start, p_n, sigma_p, rpy, sigma_rpy, georeferenced)
+
+
+def _heading(mission: Mission) -> tuple[float, float]:
+    initial = mission.initial
+    if initial.heading is not None:
+        return initial.heading, initial.sigma_heading
+    headings = headings_true(mission)
+    if headings is not None:
+        return float(wrap_angle(headings.heading[0])), float(headings.sigma[0])
+    return 0.0, 1e-3  # the local frame is the vehicle's own
+
+
+def _tilt(mission: Mission, start: float) -> tuple[Array, float]:
+    if mission.first("attitude") is None:
+        levelled = level_at_rest(mission, start)
+        if levelled is not None:
+            return levelled, float(np.radians(1.0))
+    tilt, sigma = tilt_at(mission, np.array([start]))
+    return tilt[0], float(sigma[0])
+
+
+def level_at_rest(mission: Mission, start: float, window_s: float = 2.0) -> Array | None:
+    """Roll and pitch, rad, from the specific force of a vehicle at rest; None where it moves.
+
+    Groves (2013), equation (5.101): at rest the accelerometers feel gravity's reaction alone.
+    """
+    imu = mission.first("imu")
+    if imu is None or not at_rest(mission, start, window_s):
+        return None
+    series = imu.series.crop(start, start + window_s)
+    assert isinstance(series, ImuSeries)
+    fx, fy, fz = imu.R_bs @ series.accel_i.mean(axis=0)
+    return np.array([np.arctan2(-fy, -fz), np.arctan2(fx, np.hypot(fy, fz))])
+
+
+def at_rest(mission: Mission, start: float, window_s: float = 2.0) -> bool:
+    """Whether the IMU's readings stay still over a window: rates steady, force near gravity."""
+    imu = mission.first("imu")
+    if imu is None:
+        return False
+    series = imu.series.crop(start, start + window_s)
+    assert isinstance(series, ImuSeries)
+    if len(series) < 5:
+        return False
+    steady = np.all(series.gyro_i.std(axis=0) < 0.02) and np.all(series.accel_i.std(axis=0) < 0.15)
+    force = float(np.linalg.norm(series.accel_i.mean(axis=0)))
+    return bool(steady and abs(force - 9.81) < 0.5)
+
+
+def _position(mission: Mission, R_nb: Array) -> tuple[Array, Array, bool]:
+    initial = mission.initial
+    if initial.p_n is not None:
+        return np.array(initial.p_n, dtype=float), np.full(3, initial.sigma_p), True
+    gnss = mission.first("gnss")
+    if gnss is None:
+        return np.zeros(3), np.full(3, UNKNOWN_SIGMA_M), False
+    series = gnss.series
+    assert isinstance(series, GnssSeries)
+    return series.p_n[0] - R_nb @ gnss.xyz_b, series.sigma[0].copy(), True

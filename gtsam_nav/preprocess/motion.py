@@ -1,0 +1,241 @@
+"""The vehicle's motion by its own sensors alone, smoothed: what places echoes inside a scan.
+
+Attitude comes from the AHRS, carried between its readings by the gyro where there is one; velocity
+from the DVL (or odometry), smoothed because its white noise would otherwise walk the position by
+decimetres within one scan. Nothing absolute enters: a mission's graph corrects this motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gtsam_nav.errors import DataError
+from gtsam_nav.frames import Array, quaternion_from_rpy, rotation_from_rpy
+from gtsam_nav.mission import (
+    HeadingSeries,
+    ImuSeries,
+    Mission,
+    OdometrySeries,
+    Rejection,
+)
+from gtsam_nav.preprocess.alignment import Alignment
+from gtsam_nav.preprocess.settings import MotionSettings
+from gtsam_nav.sensors.dvl import body_velocities
+from gtsam_nav.sensors.noise import ImuNoise
+from gtsam_nav.sensors.orientation import headings_true, tilt_at
+from gtsam_nav.sensors.prediction import chi2_limit
+from gtsam_nav.sensors.rates import angular_rate_b
+from gtsam_nav.trajectory import Trajectory
+
+SPIKE_PROBABILITY = 0.99999
+"""Velocity readings less likely than one minus this are spikes."""
+
+
+@dataclass(frozen=True)
+class VehicleMotion:
+    """Dead-reckoned motion on a uniform grid of time.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+    p_n : ndarray, shape (n, 3)
+        Position, m, from the alignment on.
+    rpy : ndarray, shape (n, 3)
+        Roll, pitch and unwrapped yaw, rad.
+    v_b : ndarray, shape (n, 3)
+        Smoothed body velocity, m/s.
+    sigma_v : ndarray, shape (n,)
+        Of each component of ``v_b``, m/s.
+    position_variance_m2_s : float
+        Growth of the variance of a displacement, each axis.
+    yaw_variance_rad2_s : float
+        Growth of the variance of a turn.
+    gyro_bias_b : ndarray, shape (3,)
+        Mean gyro bias in body axes by comparison with the AHRS, rad/s; zero without either.
+    rejections : tuple of Rejection
+    """
+
+    t: Array
+    p_n: Array
+    rpy: Array
+    v_b: Array
+    sigma_v: Array
+    position_variance_m2_s: float
+    yaw_variance_rad2_s: float
+    gyro_bias_b: Array
+    rejections: tuple[Rejection, ...]
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """As a trajectory without uncertainty."""
+        R_nb = rotation_from_rpy(self.rpy)
+        return Trajectory(
+            t=self.t,
+            p_n=self.p_n,
+            q_nb_wxyz=quaternion_from_rpy(self.rpy),
+            v_n=np.einsum("nij,nj->ni", R_nb, self.v_b),
+        )
+
+    def at(self, t: Array) -> tuple[Array, Array]:
+        """Position (k, 3) and roll, pitch, unwrapped yaw (k, 3) at given times."""
+        both = np.hstack([self.p_n, self.rpy])
+        values = np.stack([np.interp(t, self.t, column) for column in both.T], axis=1)
+        return values[:, :3], values[:, 3:]
+
+
+def vehicle_motion(mission: Mission, start: Alignment, settings: MotionSettings) -> VehicleMotion:
+    """Dead-reckon a mission's motion.
+
+    Raises
+    ------
+    DataError
+        Where nothing measures the velocity.
+    """
+    stop = mission.span_s[1]
+    t = start.t + np.arange(int((stop - start.t) * settings.rate_hz) + 1) / settings.rate_hz
+    if t[-1] < stop:
+        t = np.append(t, stop)
+    v_b, sigma_v, position_variance, rejections = _velocities(mission, t, settings)
+    yaw, yaw_variance, gyro_bias_b = _yaw(mission, t, start, settings)
+    tilt, _ = tilt_at(mission, t)
+    rpy = np.column_stack([tilt, yaw])
+    v_n = np.einsum("nij,nj->ni", rotation_from_rpy(rpy), v_b)
+    steps = 0.5 * (v_n[1:] + v_n[:-1]) * np.diff(t)[:, None]
+    p_n = start.p_n + np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
+    return VehicleMotion(
+        t, p_n, rpy, v_b, sigma_v, position_variance, yaw_variance, gyro_bias_b, rejections
+    )
+
+
+def _velocities(
+    mission: Mission, t: Array, settings: MotionSettings
+) -> tuple[Array, Array, float, tuple[Rejection, ...]]:
+    """Smoothed body velocity on the grid, its sigma, and the random walk that its noise makes."""
+    t_z, v_z, sigma_z, row, sensor, rejections = _velocity_readings(mission, settings)
+    densities = np.array(
+        [settings.sigma_accel_m_s2, settings.sigma_accel_m_s2, settings.sigma_vertical_accel_m_s2]
+    )
+    gate = chi2_limit(SPIKE_PROBABILITY, 1)
+    variance = sigma_z**2
+    smoothed = _smooth_each_axis(t_z, v_z, variance, densities**2, gate)
+    v_b = np.stack([np.interp(t, t_z, level) for level, _, _ in smoothed], axis=1)
+    sigma_v = np.sqrt(np.interp(t, t_z, smoothed[0][1]))
+    used = np.all([used for _, _, used in smoothed], axis=0)
+    spikes = tuple(
+        Rejection(float(t_z[k]), sensor, int(row[k]), "velocity spike")
+        for k in np.flatnonzero(~used)
+    )
+    # white readings every dt integrate to a random walk of variance sigma^2 dt per second
+    position_variance = float(np.median(variance) * np.median(np.diff(t_z)))
+    return v_b, sigma_v, position_variance, (*rejections, *spikes)
+
+
+def _smooth_each_axis(
+    t: Array, v: Array, variance: Array, densities: Array, gate: float
+) -> list[tuple[Array, Array, Array]]:
+    from gtsam_nav.preprocess._trend import smooth_trend
+
+    out = []
+    for axis in range(3):
+        level, _, level_variance, used = smooth_trend(
+            t, np.ascontiguousarray(v[:, axis]), variance, densities[axis], 0.0, 0.0, gate
+        )
+        out.append((level, level_variance, used))
+    return out
+
+
+def _velocity_readings(
+    mission: Mission, settings: MotionSettings
+) -> tuple[Array, Array, Array, Array, str, tuple[Rejection, ...]]:
+    dvl, odometry = mission.first("dvl"), mission.first("odometry")
+    rejections: tuple[Rejection, ...] = ()
+    if dvl is not None:
+        omega_b = angular_rate_b(mission, dvl.series.t)
+        samples = body_velocities(dvl, omega_b, settings.water_lock_after_s)
+        rejections = samples.rejections
+        if len(samples.t) >= 2:
+            return samples.t, samples.v_b, samples.sigma, samples.row, dvl.name, rejections
+    if odometry is not None and len(odometry.series) >= 2:
+        series = odometry.series
+        assert isinstance(series, OdometrySeries)
+        v_b = np.column_stack([series.v_b, np.zeros(len(series))])
+        return series.t, v_b, series.sigma_v, series.row, odometry.name, rejections
+    raise DataError(
+        f"mission '{mission.name}': the velocity needs a DVL with valid samples or odometry;"
+        f" the mission has: {', '.join(sorted(mission.sensors)) or 'no sensor'}"
+    )
+
+
+def _yaw(
+    mission: Mission, t: Array, start: Alignment, settings: MotionSettings
+) -> tuple[Array, float, Array]:
+    """Unwrapped yaw on the grid, growth of its variance, and the gyro's bias."""
+    headings = headings_true(mission)
+    imu = mission.first("imu")
+    bias_b = np.zeros(3)
+    turned, rate_variance = _turned(mission, t)
+    if headings is None or len(headings) < 2:
+        return start.rpy[2] + turned, rate_variance, bias_b
+    if imu is None:
+        level, variance = _smooth_heading(headings, settings.sigma_yaw_accel_rad_s2**2)
+        return np.interp(t, headings.t, level), variance, bias_b
+    assert isinstance(imu.series, ImuSeries)
+    noise = ImuNoise.model_validate(imu.noise)
+    offset, trend = _heading_less_turn(headings, np.interp(headings.t, t, turned), noise)
+    bias_b[:2] = (imu.series.gyro_i @ imu.R_bs.T).mean(axis=0)[:2]
+    bias_b[2] = -float(np.mean(trend))
+    yaw = turned + np.interp(t, headings.t, offset)
+    return yaw, noise.gyro_noise_density_rad_s_sqrt_hz**2, bias_b
+
+
+def _turned(mission: Mission, t: Array) -> tuple[Array, float]:
+    """Integral of the yaw rate over the grid, and the growth of its variance."""
+    imu, odometry = mission.first("imu"), mission.first("odometry")
+    if imu is not None:
+        series = imu.series
+        assert isinstance(series, ImuSeries)
+        rate = (series.gyro_i @ imu.R_bs.T)[:, 2]
+        noise = ImuNoise.model_validate(imu.noise)
+        variance = noise.gyro_noise_density_rad_s_sqrt_hz**2
+    elif odometry is not None:
+        series_o = odometry.series
+        assert isinstance(series_o, OdometrySeries)
+        series, rate = series_o, series_o.yaw_rate  # type: ignore[assignment]
+        step_s = float(np.median(np.diff(series_o.t))) if len(series_o) > 1 else 1.0
+        variance = float(np.median(series_o.sigma_yaw_rate**2)) * step_s
+    else:
+        return np.zeros(len(t)), float(np.radians(1.0) ** 2)
+    steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(series.t)
+    integral = np.concatenate([[0.0], np.cumsum(steps)])
+    return np.interp(t, series.t, integral), variance
+
+
+def _smooth_heading(headings: HeadingSeries, rate_density: float) -> tuple[Array, float]:
+    from gtsam_nav.preprocess._trend import smooth_trend
+
+    level, _, variance, _ = smooth_trend(
+        headings.t, np.unwrap(headings.heading), headings.sigma**2, 0.0, rate_density, 0.1, np.inf
+    )
+    # over the memory of the smoother, about a second, its error is one draw
+    return level, float(np.median(variance))
+
+
+def _heading_less_turn(
+    headings: HeadingSeries, turned: Array, noise: ImuNoise
+) -> tuple[Array, Array]:
+    """Heading less the gyro's turn, smoothed as the gyro drifts; and its rate of change."""
+    from gtsam_nav.preprocess._trend import smooth_trend
+
+    difference = np.unwrap(headings.heading) - turned
+    level, trend, _, _ = smooth_trend(
+        headings.t,
+        np.unwrap(difference),
+        headings.sigma**2,
+        noise.gyro_noise_density_rad_s_sqrt_hz**2,
+        noise.gyro_bias_walk_rad_s2_sqrt_hz**2,
+        noise.gyro_bias_sigma_rad_s**2,
+        np.inf,
+    )
+    return level, trend

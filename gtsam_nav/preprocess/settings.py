@@ -1,0 +1,27 @@
+"""Settings of the vehicle's motion model."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from gtsam_nav.settings import Settings
+
+
+class MotionSettings(Settings):
+    """How the vehicle moves between measurements, for every method.
+
+    Attributes
+    ----------
+    sigma_accel_m_s2, sigma_vertical_accel_m_s2, sigma_yaw_accel_rad_s2 : float
+        Densities of the white acceleration that changes its velocities, per square root of Hz.
+    water_lock_after_s : float
+        Water lock is used only where bottom lock stays away for longer.
+    rate_hz : float
+        Rate of the trajectories.
+    """
+
+    sigma_accel_m_s2: float = Field(default=0.05, gt=0)
+    sigma_vertical_accel_m_s2: float = Field(default=0.02, gt=0)
+    sigma_yaw_accel_rad_s2: float = Field(default=0.1, gt=0)
+    water_lock_after_s: float = Field(default=10.0, ge=0)
+    rate_hz: float = Field(default=10.0, ge=10)

@@ -1,0 +1,108 @@
+"""From the stamps of files to mission time."""
+
+from __future__ import annotations
+
+import logging
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from gtsam_nav.errors import DataError
+from gtsam_nav.mission import Mission, Rejection, Sensor
+from gtsam_nav.preprocess.cleaning import main_stretch
+
+log = logging.getLogger(__name__)
+
+
+def on_mission_time(mission: Mission) -> Mission:
+    """Move a mission whose times are its files' stamps to mission time.
+
+    Samples hours away from what most of the mission forms are dropped, so that a clock that jumped
+    never defines time zero; zero is then the earliest sample of any sensor.
+
+    Parameters
+    ----------
+    mission : Mission
+        ``start_utc`` is the POSIX time of stamp zero, or None.
+
+    Raises
+    ------
+    DataError
+        Where no sensor that an estimator could use holds a sample.
+    """
+    mission = _one_stretch(mission)
+    sensors = mission.sensors.values()
+    if not any(s.type != "reference" for s in sensors):
+        raise DataError(f"mission '{mission.name}' has no usable sensor. {_why_not(mission)}")
+    zero = min(float(s.series.t[0]) for s in sensors)
+    moved = {s.name: replace(s, series=s.series.shift(-zero)) for s in sensors}
+    warnings = (*mission.warnings, *_warnings_of(sensors))
+    for warning in warnings:
+        log.warning("%s: %s", mission.name, warning)
+    return replace(
+        mission,
+        sensors=moved,
+        start_utc=None if mission.start_utc is None else mission.start_utc + zero,
+        rejections=tuple(replace(r, t=r.t - zero) for r in mission.rejections),
+        warnings=warnings,
+    )
+
+
+def _one_stretch(mission: Mission) -> Mission:
+    estimating = [s for s in mission.sensors.values() if s.type != "reference"]
+    if not estimating:
+        return mission
+    start, stop = main_stretch(s.series.t for s in estimating)
+    kept: dict[str, Sensor] = {}
+    rejections = list(mission.rejections)
+    warnings = list(mission.warnings)
+    for sensor in mission.sensors.values():
+        t = sensor.series.t
+        inside = (t >= start) & (t <= stop)
+        if np.all(inside):
+            kept[sensor.name] = sensor
+            continue
+        if np.any(inside):
+            kept[sensor.name] = replace(sensor, series=sensor.series.select(inside))
+        else:
+            warnings.append(
+                f"sensor '{sensor.name}' is left out: its samples, {t[0]:.1f} to {t[-1]:.1f} s, "
+                f"never overlap in time with the others, {start:.1f} to {stop:.1f} s; "
+                "check its time_offset_s"
+            )
+        reason = "clock jump" if np.any(inside) else "no overlap in time"
+        rejections += [
+            Rejection(
+                t=float(t[k]), sensor=sensor.name, index=int(sensor.series.row[k]), reason=reason
+            )
+            for k in np.flatnonzero(~inside)
+        ]
+    return replace(mission, sensors=kept, rejections=tuple(rejections), warnings=tuple(warnings))
+
+
+def _warnings_of(sensors: Iterable[Sensor]) -> list[str]:
+    found = []
+    listed = list(sensors)
+    for sensor in listed:
+        t = sensor.series.t
+        others = [s.series.t for s in listed if s.type != "reference" and s.name != sensor.name]
+        if others and all(t[-1] < o[0] or t[0] > o[-1] for o in others):
+            found.append(
+                f"sensor '{sensor.name}' never overlaps in time with another; "
+                "check its time_offset_s"
+            )
+        if np.any(np.diff(sensor.series.row) < 0):
+            late = int(np.sum(sensor.series.row < np.maximum.accumulate(sensor.series.row)))
+            found.append(f"sensor '{sensor.name}': {late} samples were out of order and are sorted")
+        if sensor.simulated:
+            kind = "sonar" if sensor.type in ("beams", "scans") else sensor.type
+            found.append(f"simulated {kind}: the samples of sensor '{sensor.name}' are synthetic")
+    return found
+
+
+def _why_not(mission: Mission) -> str:
+    reasons = Counter((r.sensor, r.reason) for r in mission.rejections)
+    dropped = [f"{sensor}: {n} x {reason}" for (sensor, reason), n in sorted(reasons.items())]
+    return " ".join([*mission.warnings, "Dropped:", "; ".join(dropped) or "nothing"])

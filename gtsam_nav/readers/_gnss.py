@@ -1,0 +1,65 @@
+"""Geodetic fixes as a series in local NED."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gtsam_nav.frames import Array, Origin, ned_from_geodetic
+from gtsam_nav.mission import BoolArray, GnssSeries, Rejection
+from gtsam_nav.preprocess.cleaning import screen, tidy
+
+
+@dataclass(frozen=True)
+class Fixes:
+    """Raw fixes in the order of the file.
+
+    ``sigma`` and ``v_n`` have shape (n, 3) in NED, m and m/s; angles are degrees on WGS-84.
+    """
+
+    t: Array
+    latitude_deg: Array
+    longitude_deg: Array
+    height_m: Array
+    sigma: Array
+    v_n: Array | None = None
+
+    def refused(self) -> dict[str, BoolArray]:
+        """Fixes that are none, by reason."""
+        lat, lon = self.latitude_deg, self.longitude_deg
+        return {
+            "no fix": (lat == 0) & (lon == 0),
+            "latitude or longitude out of range": (np.abs(lat) > 90) | (lon < -180) | (lon > 360),
+        }
+
+    def first_usable(self, height_m: float | None = None) -> Origin | None:
+        """The earliest fix that survives cleaning as an origin, at its own or a given height."""
+        geodetic = np.column_stack([self.latitude_deg, self.longitude_deg, self.height_m])
+        columns = {"t": self.t, "p_n": geodetic, "sigma": self.sigma}
+        kept, _ = screen(GnssSeries, "", columns, refused=self.refused())
+        if not len(kept):
+            return None
+        latitude, longitude, own_height = (float(x) for x in geodetic[kept[0]])
+        return Origin(latitude, longitude, own_height if height_m is None else height_m)
+
+    def series(
+        self,
+        sensor_name: str,
+        origin: Origin,
+        refused: dict[str, BoolArray] | None = None,
+    ) -> tuple[GnssSeries | None, list[Rejection]]:
+        """The fixes in local NED, cleaned; ``refused`` adds reasons of the format's own."""
+        reasons = {**(refused or {}), **self.refused()}
+        # the conversion wants angles in range; what is refused keeps its reason all the same
+        bad = np.any([*reasons.values(), ~np.isfinite(self.latitude_deg)], axis=0)
+        p_n = ned_from_geodetic(
+            np.where(bad, origin.latitude_deg, self.latitude_deg),
+            np.where(bad, origin.longitude_deg, self.longitude_deg),
+            np.where(bad, np.nan, self.height_m),
+            origin,
+        )
+        columns = {"t": self.t, "p_n": p_n, "sigma": self.sigma}
+        if self.v_n is not None:
+            columns["v_n"] = self.v_n
+        return tidy(GnssSeries, sensor_name, columns, refused=reasons)

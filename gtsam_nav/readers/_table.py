@@ -1,0 +1,134 @@
+"""CSV tables with a header."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gtsam_nav.errors import DataError
+from gtsam_nav.frames import Array
+from gtsam_nav.mission import Rejection
+from gtsam_nav.readers._text import parse_rows, read_lines
+
+
+@dataclass(frozen=True)
+class Table:
+    """The columns of a CSV file that somebody asked for.
+
+    ``unknown`` names the others; ``cut_stamp`` is the first field of a last line that was cut off.
+    """
+
+    path: Path
+    columns: Mapping[str, Array]
+    unknown: tuple[str, ...] = ()
+    cut_stamp: float | None = None
+
+    def has(self, names: Sequence[str]) -> bool:
+        """Whether all of these columns are there."""
+        return all(name in self.columns for name in names)
+
+    def cut(self, sensor_name: str) -> list[Rejection]:
+        """The rejection of a last line that was cut off."""
+        return truncation(sensor_name, len(next(iter(self.columns.values()))), self.cut_stamp)
+
+
+def truncation(sensor_name: str, n_samples: int, cut_stamp: float | None) -> list[Rejection]:
+    """The rejection of a last line that was cut off, if it was."""
+    if cut_stamp is None:
+        return []
+    return [Rejection(t=cut_stamp, sensor=sensor_name, index=n_samples, reason="truncated line")]
+
+
+def read_table(
+    path: Path,
+    required: Sequence[str],
+    optional: Sequence[str] = (),
+    *,
+    words: Mapping[str, Mapping[str, float]] | None = None,
+    instead: tuple[Sequence[str], Sequence[str]] | None = None,
+) -> Table:
+    """Read a CSV file whose header names its columns in any order.
+
+    Parameters
+    ----------
+    path : Path
+        Plain or gzipped.
+    required, optional : sequence of str
+        Columns to read.
+    words : mapping, optional
+        Words that a column may hold, with the numbers that they stand for.
+    instead : (sequence of str, sequence of str), optional
+        Required columns, and others that may stand for them.
+
+    Raises
+    ------
+    DataError
+        Where the file is missing or empty, a column is missing, or a line is malformed.
+    """
+    lines = read_lines(path)
+    names = header_names(lines[0], path)
+    needed = list(required)
+    or_else = ""
+    if instead is not None:
+        usual, other = instead
+        or_else = f" ({', '.join(other)} may stand for {', '.join(usual)})"
+        if all(name in names for name in other):
+            needed = [name for name in needed if name not in usual] + list(other)
+    missing = [name for name in needed if name not in names]
+    if missing:
+        raise DataError(
+            f"column '{missing[0]}' is missing; needed are {', '.join(needed)}{or_else}; "
+            f"the header names {', '.join(names)[:200]}",
+            path,
+            1,
+        )
+    wanted = {*needed, *optional}
+    unknown = tuple(name for name in names if name not in wanted)
+    rows = parse_rows(
+        lines[1:],
+        path,
+        names,
+        delimiter=",",
+        first_line=2,
+        words=words,
+        unread=frozenset(unknown),
+    )
+    columns = {name: rows.values[:, k] for k, name in enumerate(names) if name in wanted}
+    return Table(path, columns, unknown, rows.cut_stamp)
+
+
+def header_names(line: str, path: Path) -> list[str]:
+    """Column names of a header line, each once."""
+    if not line.strip():
+        raise DataError("the file is empty; a header with the columns' names is needed", path)
+    names = [name.strip() for name in line.split(",")]
+    repeated = [name for k, name in enumerate(names) if name in names[:k]]
+    if repeated:
+        raise DataError(f"column '{repeated[0][:40]}' is named twice", path, 1)
+    return names
+
+
+def read_named_files(path: Path) -> tuple[Array, list[str], float | None]:
+    """Stamps and file names of a CSV file with the columns t and file, and a cut line's stamp."""
+    lines = read_lines(path)
+    names = header_names(lines[0], path)
+    if names != ["t", "file"]:
+        raise DataError(f"the columns must be t, file; they are {', '.join(names)[:200]}", path, 1)
+    stamps: list[float] = []
+    files: list[str] = []
+    filled = [k for k, line in enumerate(lines) if k > 0 and line.strip()]
+    for k in filled:
+        stamp, comma, name = lines[k].partition(",")
+        if not (comma and name.strip()) and k == filled[-1]:
+            return np.array(stamps), files, np.nan
+        try:
+            stamps.append(float(stamp) if stamp.strip() else np.nan)
+        except ValueError as error:
+            raise DataError(f"t is '{stamp[:40]}', not a number", path, k + 1) from error
+        if not name.strip():
+            raise DataError("the file's name is missing", path, k + 1)
+        files.append(name.strip())
+    return np.array(stamps), files, None

@@ -1,0 +1,186 @@
+"""Numbers from text files, plain or gzipped: fast, and errors name the line."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gtsam_nav.errors import DataError
+from gtsam_nav.frames import Array
+
+MAX_BYTES = 4 * 1024**3
+"""Most that a file may hold once it is decompressed."""
+
+GZIP_MAGIC = b"\x1f\x8b"
+
+Field = Callable[[str], float]
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Numbers of a text file.
+
+    Attributes
+    ----------
+    values : ndarray, shape (n, k)
+        An empty field is NaN.
+    cut_stamp : float or None
+        First field of a last line that was cut off (NaN where even that is missing); None where
+        the file is whole.
+    """
+
+    values: Array
+    cut_stamp: float | None = None
+
+
+def read_bytes(path: Path) -> bytes:
+    """The contents of a file, decompressed where it is gzipped.
+
+    Raises
+    ------
+    DataError
+        Where the file is missing, unreadable, not whole or absurdly large.
+    """
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError as error:
+        raise DataError("no such file", path) from error
+    except (OSError, ValueError) as error:
+        raise DataError(f"cannot be read: {error}", path) from error
+    return _gunzip(data, path) if data.startswith(GZIP_MAGIC) else data
+
+
+def _gunzip(data: bytes, path: Path) -> bytes:
+    parts: list[bytes] = []
+    room = MAX_BYTES
+    while data.startswith(GZIP_MAGIC):
+        member = zlib.decompressobj(wbits=31)
+        try:
+            parts.append(member.decompress(data, room))
+        except zlib.error as error:
+            raise DataError(f"the gzip archive is damaged: {error}", path) from error
+        room -= len(parts[-1])
+        if room <= 0:
+            raise DataError(f"more than {MAX_BYTES} bytes after decompression", path)
+        if not member.eof:
+            raise DataError("the gzip archive is cut off", path)
+        data = member.unused_data
+    return parts[0] if len(parts) == 1 else b"".join(parts)
+
+
+def read_lines(path: Path, encoding: str = "utf-8-sig") -> list[str]:
+    """The lines of a text file; the last is empty where the file ends with a line break."""
+    try:
+        text = read_bytes(path).decode(encoding)
+    except UnicodeDecodeError as error:
+        raise DataError(f"is not {encoding.removesuffix('-sig')} text: {error}", path) from error
+    return text.replace("\r\n", "\n").split("\n")
+
+
+def parse_rows(
+    lines: Sequence[str],
+    path: Path,
+    names: Sequence[str],
+    *,
+    delimiter: str | None = None,
+    first_line: int = 1,
+    words: Mapping[str, Mapping[str, float]] | None = None,
+    unread: frozenset[str] = frozenset(),
+) -> Rows:
+    """Parse lines of numbers.
+
+    Parameters
+    ----------
+    lines : sequence of str
+    path : Path
+        For messages.
+    names : sequence of str
+        What the fields of a line are.
+    delimiter : str, optional
+        Whitespace where absent.
+    first_line : int
+        One-based number of the first of the lines in its file.
+    words : mapping, optional
+        Words that a field may hold, with the numbers that they stand for.
+    unread : frozenset of str
+        Fields whose contents do not matter; they read as NaN.
+
+    Raises
+    ------
+    DataError
+        Where a line is malformed. A last line that was cut off is reported in the result instead.
+    """
+    if not any(line.strip() for line in lines):
+        return Rows(np.empty((0, len(names))))
+    fields = [_field_of((words or {}).get(name), name in unread) for name in names]
+    special: dict[int | str, Field] = {
+        k: field for k, field in enumerate(fields) if field is not _number
+    }
+    try:
+        values: Array = np.loadtxt(
+            lines, delimiter=delimiter, comments=None, ndmin=2, converters=special or None
+        )
+        if values.shape[1] == len(names):
+            return Rows(values)
+    except (ValueError, KeyError):
+        pass  # the slow way finds out where and why
+    return _parse_one_by_one(lines, path, names, fields, delimiter, first_line)
+
+
+def _parse_one_by_one(
+    lines: Sequence[str],
+    path: Path,
+    names: Sequence[str],
+    fields: Sequence[Field],
+    delimiter: str | None,
+    first_line: int,
+) -> Rows:
+    filled = [k for k, line in enumerate(lines) if line.strip()]
+    rows: list[list[float]] = []
+    for k in filled:
+        texts = lines[k].split(delimiter)
+        # only the last line may be short, or end in half a number without a line break
+        if k == filled[-1] and len(texts) < len(names):
+            return _cut(rows, texts, len(names))
+        if len(texts) != len(names):
+            raise DataError(
+                f"{len(texts)} fields where {len(names)} are needed: {', '.join(names)}",
+                path,
+                first_line + k,
+            )
+        row: list[float] = []
+        for name, field, text in zip(names, fields, texts, strict=True):
+            try:
+                row.append(field(text))
+            except (ValueError, KeyError) as error:
+                if k == len(lines) - 1 and len(row) == len(names) - 1:
+                    return _cut(rows, texts, len(names))
+                what = f"{name} is '{text.strip()[:40]}', not a number"
+                raise DataError(what, path, first_line + k) from error
+        rows.append(row)
+    return Rows(np.array(rows).reshape(-1, len(names)))
+
+
+def _cut(rows: list[list[float]], texts: Sequence[str], n_fields: int) -> Rows:
+    try:
+        # the only field of a cut line may be cut itself
+        stamp = float(texts[0]) if len(texts) > 1 else np.nan
+    except ValueError:
+        stamp = np.nan
+    return Rows(np.array(rows).reshape(-1, n_fields), cut_stamp=stamp)
+
+
+def _field_of(words: Mapping[str, float] | None, unread: bool) -> Field:
+    if unread:
+        return lambda _: np.nan
+    if words is not None:
+        return lambda text: words[text.strip()]
+    return _number
+
+
+def _number(text: str) -> float:
+    return float(text) if text.strip() else np.nan

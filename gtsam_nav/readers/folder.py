@@ -1,0 +1,302 @@
+"""The mission folder: ``mission.yaml`` beside CSV (plain or .gz) and .npz files.
+
+``mission.yaml``::
+
+    name: harbour survey
+    origin: {latitude_deg: 42.2, longitude_deg: 3.1, height_m: 0.0}
+    start_utc: 2024-05-17T09:30:00Z     # of stamp zero; POSIX seconds will do
+    initial:                            # all of it is optional
+      position_ned_m: [0, 0, 0]         # or position_geodetic, a map like origin
+      heading_deg: 30
+      sigma_position_m: 1
+      sigma_heading_deg: 3
+    sensors:
+      dvl: {file: dvl.csv, xyz_m: [0.2, 0, 0.1], rpy_deg: [180, 0, 45], time_offset_s: -0.1,
+            noise: {sigma_m_s: 0.02}}
+      stern_gnss: {type: gnss, file: fixes.csv.gz}
+      sonar: {type: beams, file: beams.npz, simulated: true}
+
+`layout` holds the columns of each file. Angles of a turned compass or attitude sensor (``rpy_deg``)
+become those of the body, and its mounting in the mission is the identity. Without an origin the
+first fix of a file with latitudes is taken, and a warning says so.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gtsam_nav.cards import read_yaml
+from gtsam_nav.errors import DataError
+from gtsam_nav.frames import Array, Origin
+from gtsam_nav.mission import (
+    SERIES_TYPES,
+    BeamSeries,
+    CloudSeries,
+    LandmarkMap,
+    Mission,
+    Rejection,
+    ScanSeries,
+    Sensor,
+    Series,
+)
+from gtsam_nav.preprocess.cleaning import screen, tidy
+from gtsam_nav.readers._clock import on_mission_time
+from gtsam_nav.readers._gnss import Fixes
+from gtsam_nav.readers._mission_yaml import (
+    LANDMARK_MAP,
+    MISSION_FILE,
+    MissingFileError,
+    MissionFile,
+    SensorEntry,
+    file_inside,
+)
+from gtsam_nav.readers._mounting import body_heading, body_tilt
+from gtsam_nav.readers._npz import read_arrays
+from gtsam_nav.readers._table import Table, read_named_files, read_table, truncation
+from gtsam_nav.readers.layout import GEODETIC_COLUMNS, LAYOUTS, NED_COLUMNS, Field
+from gtsam_nav.sensors.noise import NOISE_MODELS
+from gtsam_nav.solution import Progress, no_progress
+
+NAME = "mission folder"
+EXPECTS = f"a folder with {MISSION_FILE}"
+
+Cleaned = tuple[Series | None, list[Rejection]]
+
+
+def can_open(path: Path) -> bool:
+    """Whether the path is a folder with a ``mission.yaml``."""
+    return (path / MISSION_FILE).is_file()
+
+
+def read(path: Path, progress: Progress = no_progress) -> Mission:
+    """Read a mission folder.
+
+    Raises
+    ------
+    DataError
+        Where a file is missing or malformed; names the file and the line or the key.
+    """
+    described = read_yaml(file_inside(path, MISSION_FILE), MissionFile)
+    reading = _Reading(path, None if described.origin is None else described.origin.to_origin())
+    for k, (name, entry) in enumerate(described.sensors.items()):
+        progress("read mission", k / len(described.sensors))
+        reading.add(name, entry)
+    progress("read mission", 1.0)
+    mission = Mission(
+        name=described.name or path.resolve().name,
+        sensors=reading.sensors,
+        origin=reading.origin,
+        start_utc=described.start_utc,
+        initial=described.initial.to_state(reading.origin, path / MISSION_FILE),
+        landmark_map=reading.landmark_map,
+        rejections=tuple(reading.rejections),
+        warnings=tuple(reading.warnings),
+        sources=(path / MISSION_FILE, *reading.sources),
+    )
+    return on_mission_time(mission)
+
+
+@dataclass
+class _Reading:
+    """What has been read so far; stamps are those of the files plus their offsets."""
+
+    folder: Path
+    origin: Origin | None
+    sensors: dict[str, Sensor] = field(default_factory=dict)
+    rejections: list[Rejection] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    sources: list[Path] = field(default_factory=list)
+    landmark_map: LandmarkMap | None = None
+
+    def add(self, name: str, entry: SensorEntry) -> None:
+        """Read one entry of the mission."""
+        path = file_inside(self.folder, entry.file)
+        self.sources.append(self.folder / entry.file)
+        if entry.type == LANDMARK_MAP:
+            self.landmark_map = self._landmark_map(path)
+            return
+        series, rejections = self._series(name, entry, path)
+        offset = entry.time_offset_s
+        self.rejections += [replace(r, t=r.t + offset) for r in rejections]
+        if series is None:
+            self.warnings.append(
+                f"sensor '{name}' is left out: {entry.file} holds no valid sample "
+                f"({len(rejections)} dropped)"
+            )
+            return
+        turned = entry.type in ("heading", "attitude")
+        self.sensors[name] = Sensor(
+            name=name,
+            type=entry.type,
+            series=series.shift(offset) if offset else series,
+            xyz_b=entry.xyz_b,
+            R_bs=np.eye(3) if turned else entry.R_bs,
+            noise=entry.noise,
+            simulated=entry.simulated,
+        )
+
+    def _series(self, name: str, entry: SensorEntry, path: Path) -> Cleaned:
+        if entry.type == "beams":
+            return _beams(name, path)
+        if entry.type == "scans":
+            return _scans(name, path)
+        if entry.type == "clouds":
+            return self._clouds(name, path)
+        return self._numbers(name, entry, path)
+
+    def _numbers(self, name: str, entry: SensorEntry, path: Path) -> Cleaned:
+        layout = LAYOUTS[entry.type]
+        table = self._table(name, path, layout, geodetic=entry.type == "gnss")
+        model = NOISE_MODELS.get(entry.type)
+        noise = None if model is None else model.model_validate(entry.noise)
+        if table.has(GEODETIC_COLUMNS):
+            series, rejections = self._geodetic(name, table, noise, layout)
+            return series, rejections + table.cut(name)
+        columns: dict[str, Any] = {"t": table.columns["t"]}
+        for spec in layout:
+            values = _values(spec, table, noise)
+            if values is not None:
+                columns[spec.series] = values
+        if entry.type == "heading":
+            columns["heading"] = body_heading(columns["heading"], entry.R_bs)
+        elif entry.type == "attitude":
+            tilt = body_tilt(columns["roll"], columns["pitch"], entry.R_bs)
+            columns["roll"], columns["pitch"] = tilt
+        constants: dict[str, Any] = {}
+        if entry.type == "reference":
+            constants["vertical_usable"] = entry.vertical_usable
+        series, rejections = tidy(
+            SERIES_TYPES[entry.type],
+            name,
+            columns,
+            max_speed_m_s=getattr(noise, "max_speed_m_s", np.inf),
+            **constants,
+        )
+        return series, rejections + table.cut(name)
+
+    def _geodetic(self, name: str, table: Table, noise: Any, layout: tuple[Field, ...]) -> Cleaned:
+        _, sigma, v_n = (_values(spec, table, noise) for spec in layout)
+        assert sigma is not None
+        lat, lon, height = (table.columns[c] for c in GEODETIC_COLUMNS)
+        fixes = Fixes(table.columns["t"], lat, lon, height, sigma, v_n)
+        if self.origin is None:
+            self.origin = fixes.first_usable()
+            if self.origin is not None:
+                self.warnings.append(
+                    f"{MISSION_FILE} states no origin: the first fix of '{name}' is taken"
+                )
+        # without any usable fix every origin does: the reasons come out all the same
+        return fixes.series(name, self.origin or Origin(0.0, 0.0))
+
+    def _table(
+        self, name: str, path: Path, layout: tuple[Field, ...], *, geodetic: bool = False
+    ) -> Table:
+        required = ["t", *(c for spec in layout if spec.required for c in spec.columns)]
+        optional = [c for spec in layout if not spec.required for c in spec.columns]
+        words = {c: spec.words for spec in layout if spec.words for c in spec.columns}
+        instead = (NED_COLUMNS, GEODETIC_COLUMNS) if geodetic else None
+        table = read_table(path, required, optional, words=words, instead=instead)
+        if table.unknown:
+            unknown = ", ".join(table.unknown)
+            self.warnings.append(f"sensor '{name}': {path.name} has unknown columns: {unknown}")
+        return table
+
+    def _clouds(self, name: str, path: Path) -> Cleaned:
+        stamps, names, cut_stamp = read_named_files(path)
+        missing = np.zeros(len(names), dtype=bool)
+        files: list[Path] = []
+        for k, file_name in enumerate(names):
+            try:
+                files.append(file_inside(self.folder, file_name))
+            except MissingFileError:
+                missing[k] = True
+                files.append(Path())
+        columns = {"t": stamps}
+        refused = {"missing file": missing}
+        kept, rejections = screen(CloudSeries, name, columns, refused=refused)
+        rejections += truncation(name, len(stamps), cut_stamp)
+        if not len(kept):
+            return None, rejections
+        picked = tuple(files[k] for k in kept)
+        return CloudSeries(t=stamps[kept], row=kept, files=picked), rejections
+
+    def _landmark_map(self, path: Path) -> LandmarkMap:
+        table = read_table(path, ("id", "n", "e", "sigma"), ("d",))
+        c = table.columns
+        ids, sigma = c["id"], c["sigma"]
+        p_n = np.column_stack([c["n"], c["e"], c.get("d", np.zeros(len(ids)))])
+        usable = np.isfinite(ids) & np.all(np.isfinite(p_n), axis=1) & (sigma > 0)
+        whole = LandmarkMap(ids[usable].astype(np.int64), p_n[usable], sigma[usable])
+        dropped = np.sum(~usable) + (table.cut_stamp is not None)
+        if dropped:
+            self.warnings.append(
+                f"{path.name}: {dropped} landmarks that are not finite are left out"
+            )
+        if len(np.unique(whole.id)) < len(whole.id):
+            raise DataError("a landmark's id is given twice", path)
+        return whole
+
+
+def _values(spec: Field, table: Table, noise: Any) -> Array | None:
+    """One column of the series from the file, from the noise figures, or from its default."""
+    n = len(table.columns["t"])
+    names = spec.columns
+    if spec.columns == NED_COLUMNS and table.has(GEODETIC_COLUMNS):
+        return None
+    present = [name for name in names if name in table.columns]
+    if present and len(present) < len(names):
+        lacking = ", ".join(name for name in names if name not in present)
+        raise DataError(f"column {present[0]} is given without {lacking}", table.path)
+    if present:
+        values = np.column_stack([table.columns[name] for name in names])
+    elif spec.noise:
+        values = np.tile([getattr(noise, figure) for figure in spec.noise], (n, 1))
+    elif spec.absent is not None:
+        values = np.full((n, len(names)), spec.absent)
+    else:
+        return None
+    values = values if len(names) > 1 else values[:, 0]
+    return np.radians(values) if spec.degrees else values
+
+
+def _beams(name: str, path: Path) -> Cleaned:
+    arrays = read_arrays(path, ("t", "angle", "intensity", "resolution_m"))
+    t, angle, intensity = (arrays[k] for k in ("t", "angle", "intensity"))
+    if t.ndim != 1 or angle.shape != t.shape or intensity.ndim != 2 or len(intensity) != len(t):
+        raise DataError(
+            f"t {t.shape}, angle {angle.shape} and intensity {intensity.shape} "
+            "do not fit; needed are (n,), (n,) and (n, bins)",
+            path,
+        )
+    if intensity.dtype != np.uint8:
+        raise DataError(f"intensity holds {intensity.dtype}; uint8 is needed", path)
+    resolution = arrays["resolution_m"]
+    if resolution.size != 1 or not (np.isfinite(resolution) & (resolution > 0)).all():
+        raise DataError("resolution_m must be one positive number", path)
+    columns = {"t": t.astype(float), "angle": angle.astype(float), "intensity": intensity}
+    return tidy(BeamSeries, name, columns, resolution_m=float(resolution.reshape(())))
+
+
+def _scans(name: str, path: Path) -> Cleaned:
+    arrays = read_arrays(path, ("t", "first", "points"))
+    t, points = arrays["t"].astype(float), arrays["points"].astype(float)
+    first = arrays["first"].astype(np.int64)
+    if t.ndim != 1 or first.shape != (len(t) + 1,) or first[0] != 0 or np.any(np.diff(first) < 0):
+        raise DataError("first must hold one rising offset a scan, from 0, and a last one", path)
+    if points.ndim != 2 or points.shape[1] not in (2, 3) or len(points) != first[-1]:
+        raise DataError(
+            f"points has shape {points.shape}; ({first[-1]}, 2 or 3) is needed, as first says", path
+        )
+    finite = np.all(np.isfinite(points), axis=1)
+    bad = np.diff(np.concatenate([[0], np.cumsum(~finite)])[first]) > 0
+    kept, rejections = screen(ScanSeries, name, {"t": t}, refused={"non-finite points": bad})
+    if not len(kept):
+        return None, rejections
+    sizes = np.diff(first)[kept]
+    picked = np.concatenate([points[first[k] : first[k + 1]] for k in kept])
+    offsets = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+    return ScanSeries(t=t[kept], row=kept, first=offsets, points_b=picked), rejections

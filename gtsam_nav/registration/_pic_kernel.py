@@ -1,0 +1,162 @@
+"""Compiled loop of pIC; ``pic.register_readable`` says the same in NumPy."""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+
+from gtsam_nav.frames import Array
+
+
+@numba.njit(cache=True, error_model="numpy")
+def iterate(
+    xy_ref: Array,
+    cov_ref: Array,
+    xy_new: Array,
+    cov_new: Array,
+    prior: Array,
+    cov_prior: Array,
+    gate: float,
+    max_iterations: int,
+    shrink: float,
+    scale_floor: float,
+    cauchy_k: float,
+    nearest: bool,
+    converged_m: float,
+    converged_rad: float,
+) -> tuple[Array, Array, Array, int, int]:
+    """Associate and solve until the pose settles.
+
+    Returns
+    -------
+    q, H, M : ndarray
+        Pose, Hessian and noise-driven twin as in ``pic.normal_equations``.
+    paired : int
+        Points with a partner in the last iteration.
+    iterations : int
+    """
+    q = prior.copy()
+    H, M, g = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
+    scale, paired, iteration = 1.0, 0, 0
+    for _ in range(max_iterations):
+        iteration += 1
+        H[:], M[:], g[:] = 0.0, 0.0, 0.0
+        paired = _accumulate(
+            xy_ref, cov_ref, xy_new, cov_new, q, cov_prior * scale, gate, cauchy_k, nearest, H, M, g
+        )
+        step, solvable = _solve3(H, g)
+        if not solvable:
+            break
+        q[0] += step[0]
+        q[1] += step[1]
+        q[2] = (q[2] + step[2] + math.pi) % (2 * math.pi) - math.pi
+        settled = math.hypot(step[0], step[1]) < converged_m and abs(step[2]) < converged_rad
+        if settled and scale <= scale_floor:
+            break
+        scale = max(scale * shrink, scale_floor)
+    return q, H, M, paired, iteration
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _accumulate(
+    xy_ref: Array,
+    cov_ref: Array,
+    xy_new: Array,
+    cov_new: Array,
+    q: Array,
+    P: Array,
+    gate: float,
+    cauchy_k: float,
+    nearest: bool,
+    H: Array,
+    M: Array,
+    g: Array,
+) -> int:
+    """Add every paired point to the normal equations; returns how many there are."""
+    c, s = math.cos(q[2]), math.sin(q[2])
+    paired = 0
+    for i in range(len(xy_new)):
+        tx = c * xy_new[i, 0] - s * xy_new[i, 1]
+        ty = s * xy_new[i, 0] + c * xy_new[i, 1]
+        px, py = q[0] + tx, q[1] + ty
+        a, b, d = cov_new[i, 0, 0], cov_new[i, 0, 1], cov_new[i, 1, 1]
+        cxx = c * c * a - 2 * c * s * b + s * s * d
+        cxy = c * s * (a - d) + (c * c - s * s) * b
+        cyy = s * s * a + 2 * c * s * b + c * c * d
+        # J P J' with J = [I, (-ty, tx)]
+        gxx = cxx + P[0, 0] - 2 * ty * P[0, 2] + ty * ty * P[2, 2]
+        gyy = cyy + P[1, 1] + 2 * tx * P[1, 2] + tx * tx * P[2, 2]
+        gxy = cxy + P[0, 1] + tx * P[0, 2] - ty * P[1, 2] - tx * ty * P[2, 2]
+        sw = mx = my = vxx = vxy = vyy = 0.0
+        best = gate
+        for j in range(len(xy_ref)):
+            ex, ey = xy_ref[j, 0] - px, xy_ref[j, 1] - py
+            sxx, syy = gxx + cov_ref[j, 0, 0], gyy + cov_ref[j, 1, 1]
+            # the Mahalanobis distance is at least e_x^2 / s_xx, and likewise in y
+            if ex * ex >= best * sxx or ey * ey >= best * syy:
+                continue
+            sxy = gxy + cov_ref[j, 0, 1]
+            det = sxx * syy - sxy * sxy
+            d2 = (syy * ex * ex - 2 * sxy * ex * ey + sxx * ey * ey) / det
+            if d2 >= best:
+                continue
+            if nearest:
+                best, w = d2, 1.0
+                sw = mx = my = vxx = vxy = vyy = 0.0
+            else:
+                w = math.exp(-0.5 * d2) / math.sqrt(det)
+            sw += w
+            mx += w * ex
+            my += w * ey
+            vxx += w * (cov_ref[j, 0, 0] + ex * ex)
+            vxy += w * (cov_ref[j, 0, 1] + ex * ey)
+            vyy += w * (cov_ref[j, 1, 1] + ey * ey)
+        if sw <= 0.0:
+            continue
+        paired += 1
+        ex, ey = mx / sw, my / sw
+        exx = vxx / sw - ex * ex + cxx
+        exy = vxy / sw - ex * ey + cxy
+        eyy = vyy / sw - ey * ey + cyy
+        det = exx * eyy - exy * exy
+        wxx, wxy, wyy = eyy / det, -exy / det, exx / det
+        d2 = wxx * ex * ex + 2 * wxy * ex * ey + wyy * ey * ey
+        w = 1.0 / (1.0 + d2 / (cauchy_k * cauchy_k))
+        # rows of J' W
+        r2x, r2y = -ty * wxx + tx * wxy, -ty * wxy + tx * wyy
+        h02, h12, h22 = r2x, r2y, -ty * r2x + tx * r2y
+        for target, weight in ((H, w), (M, w * w)):
+            target[0, 0] += weight * wxx
+            target[0, 1] += weight * wxy
+            target[1, 0] += weight * wxy
+            target[1, 1] += weight * wyy
+            target[0, 2] += weight * h02
+            target[2, 0] += weight * h02
+            target[1, 2] += weight * h12
+            target[2, 1] += weight * h12
+            target[2, 2] += weight * h22
+        g[0] += w * (wxx * ex + wxy * ey)
+        g[1] += w * (wxy * ex + wyy * ey)
+        g[2] += w * (r2x * ex + r2y * ey)
+    return paired
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _solve3(H: Array, g: Array) -> tuple[Array, bool]:
+    """Solve a symmetric 3 x 3 system by cofactors; False where it is singular."""
+    c00 = H[1, 1] * H[2, 2] - H[1, 2] * H[1, 2]
+    c01 = H[0, 2] * H[1, 2] - H[0, 1] * H[2, 2]
+    c02 = H[0, 1] * H[1, 2] - H[0, 2] * H[1, 1]
+    det = H[0, 0] * c00 + H[0, 1] * c01 + H[0, 2] * c02
+    x = np.zeros(3)
+    if not det > 0.0:
+        return x, False
+    c11 = H[0, 0] * H[2, 2] - H[0, 2] * H[0, 2]
+    c12 = H[0, 1] * H[0, 2] - H[0, 0] * H[1, 2]
+    c22 = H[0, 0] * H[1, 1] - H[0, 1] * H[0, 1]
+    x[0] = (c00 * g[0] + c01 * g[1] + c02 * g[2]) / det
+    x[1] = (c01 * g[0] + c11 * g[1] + c12 * g[2]) / det
+    x[2] = (c02 * g[0] + c12 * g[1] + c22 * g[2]) / det
+    return x, True

@@ -1,0 +1,177 @@
+"""Probabilistic iterative correspondence (pIC) of two uncertain point sets.
+
+Montesano, Minguez and Montano, *Probabilistic scan matching for motion estimation in unstructured
+environments* (IROS 2005), as used by Mallios et al. 2014; the covariance of the match is the closed
+form of Haralick (1998) and Censi (2007). `register` runs the compiled loop of ``_pic_kernel``;
+`register_readable` is the same in plain NumPy, and the oracle of its tests.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gtsam_nav.frames import Array, wrap_angle
+from gtsam_nav.registration.result import PlanarMatch
+from gtsam_nav.registration.settings import PicSettings
+from gtsam_nav.sonar.scans import Scan
+
+CONVERGED_M, CONVERGED_RAD = 1e-3, 1e-4
+GATE_FLOOR_SCALE = 1e-3
+"""The gate's share of the prior covariance never shrinks below this."""
+
+
+@dataclass(frozen=True)
+class Pairing:
+    """Partners of the new scan's points: positions, covariances, and which points have one."""
+
+    paired: Array
+    partner: Array
+    cov_partner: Array
+    cov_point: Array
+
+
+def register(
+    reference: Scan, new: Scan, prior: Array, cov_prior: Array, settings: PicSettings
+) -> PlanarMatch:
+    """Register a new scan to a reference scan.
+
+    Parameters
+    ----------
+    reference, new : Scan
+        Each in its own level frame.
+    prior : ndarray, shape (3,)
+        Expected pose of the new scan in the reference scan: x, y, yaw.
+    cov_prior : ndarray, shape (3, 3)
+        Its covariance: how far to look. It gates the association and does not enter the solution.
+    settings : PicSettings
+
+    Returns
+    -------
+    PlanarMatch
+        With a `failure` where points or overlap were too few or the solution was singular.
+    """
+    from gtsam_nav.registration._pic_kernel import iterate
+
+    if min(len(reference), len(new)) < 3:
+        return _failed(prior, cov_prior, "fewer than three points")
+    q, H, M, paired, iterations = iterate(
+        reference.xy,
+        reference.cov,
+        new.xy,
+        new.cov,
+        np.asarray(prior, dtype=float),
+        np.asarray(cov_prior, dtype=float),
+        settings.gate,
+        settings.max_iterations,
+        settings.shrink,
+        GATE_FLOOR_SCALE,
+        settings.cauchy_k,
+        settings.association == "nearest",
+        CONVERGED_M,
+        CONVERGED_RAD,
+    )
+    return _judge(q, H, M, paired / len(new), iterations, prior, cov_prior, settings)
+
+
+def register_readable(
+    reference: Scan, new: Scan, prior: Array, cov_prior: Array, settings: PicSettings
+) -> PlanarMatch:
+    """`register` in plain NumPy: slower, and meant to be read."""
+    if min(len(reference), len(new)) < 3:
+        return _failed(prior, cov_prior, "fewer than three points")
+    q = np.array(prior, dtype=float)
+    scale, iterations = 1.0, 0
+    H, M, overlap = np.zeros((3, 3)), np.zeros((3, 3)), 0.0
+    for iterations in range(1, settings.max_iterations + 1):  # noqa: B007
+        pairing = associate(reference, new, q, cov_prior * scale, settings)
+        overlap = float(pairing.paired.mean())
+        H, M, gradient = normal_equations(new, q, pairing, settings.cauchy_k)
+        if np.linalg.det(H) <= 0:
+            break
+        step = np.linalg.solve(H, gradient)
+        q = np.array([q[0] + step[0], q[1] + step[1], wrap_angle(q[2] + step[2])])
+        settled = np.hypot(step[0], step[1]) < CONVERGED_M and abs(step[2]) < CONVERGED_RAD
+        if settled and scale <= GATE_FLOOR_SCALE:
+            break
+        scale = max(scale * settings.shrink, GATE_FLOOR_SCALE)
+    return _judge(q, H, M, overlap, iterations, prior, cov_prior, settings)
+
+
+def associate(
+    reference: Scan, new: Scan, q: Array, cov_gate: Array, settings: PicSettings
+) -> Pairing:
+    """Partner of each point: the mean of its compatible reference points, or the nearest one."""
+    c, s = np.cos(q[2]), np.sin(q[2])
+    B = np.array([[c, -s], [s, c]])
+    placed = q[:2] + new.xy @ B.T
+    cov_point = B @ new.cov @ B.T
+    J = np.zeros((len(new), 2, 3))
+    J[:, 0, 0] = J[:, 1, 1] = 1.0
+    J[:, 0, 2], J[:, 1, 2] = -(placed[:, 1] - q[1]), placed[:, 0] - q[0]
+    cov_placed = cov_point + J @ cov_gate @ np.swapaxes(J, 1, 2)
+    difference = reference.xy[None] - placed[:, None]
+    S = cov_placed[:, None] + reference.cov[None]
+    d2 = np.einsum("nmi,nmij,nmj->nm", difference, np.linalg.inv(S), difference)
+    compatible = d2 < settings.gate
+    if settings.association == "nearest":
+        nearest = np.argmin(d2, axis=1)
+        weight = np.zeros_like(d2)
+        weight[np.arange(len(new)), nearest] = compatible[np.arange(len(new)), nearest]
+    else:
+        weight = compatible * np.exp(-0.5 * d2) / np.sqrt(np.linalg.det(S))
+    total = weight.sum(axis=1)
+    paired = total > 0
+    weight[paired] /= total[paired, None]
+    partner = weight @ reference.xy
+    spread = reference.xy[None] - partner[:, None]
+    scatter = np.einsum("nm,nmi,nmj->nij", weight, spread, spread)
+    cov_partner = np.einsum("nm,mij->nij", weight, reference.cov) + scatter
+    return Pairing(paired, partner, cov_partner, cov_point)
+
+
+def normal_equations(
+    new: Scan, q: Array, pairing: Pairing, cauchy_k: float
+) -> tuple[Array, Array, Array]:
+    """Hessian, its noise-driven twin (for the covariance) and gradient of the matching cost."""
+    k = pairing.paired
+    c, s = np.cos(q[2]), np.sin(q[2])
+    turned = new.xy[k] @ np.array([[c, s], [-s, c]])
+    error = pairing.partner[k] - q[:2] - turned
+    J = np.zeros((int(k.sum()), 2, 3))
+    J[:, 0, 0] = J[:, 1, 1] = 1.0
+    J[:, 0, 2], J[:, 1, 2] = -turned[:, 1], turned[:, 0]
+    W = np.linalg.inv(pairing.cov_partner[k] + pairing.cov_point[k])
+    d2 = np.einsum("ni,nij,nj->n", error, W, error)
+    JtW = np.swapaxes(J, 1, 2) @ W * (1.0 / (1.0 + d2 / cauchy_k**2))[:, None, None]
+    H = np.sum(JtW @ J, axis=0)
+    M = np.sum(JtW @ np.linalg.inv(W) @ np.swapaxes(JtW, 1, 2), axis=0)
+    return H, M, np.einsum("nij,nj->i", JtW, error)
+
+
+def _judge(
+    q: Array,
+    H: Array,
+    M: Array,
+    overlap: float,
+    iterations: int,
+    prior: Array,
+    cov_prior: Array,
+    settings: PicSettings,
+) -> PlanarMatch:
+    if not np.all(np.isfinite(q)) or overlap == 0.0:
+        return _failed(prior, cov_prior, "no compatible points")
+    if np.linalg.cond(H) > 1e9:
+        return _failed(prior, cov_prior, "singular: the points do not fix the pose")
+    H_inverse = np.linalg.inv(H)
+    floor = np.array([settings.floor_xy_m, settings.floor_xy_m, np.radians(settings.floor_yaw_deg)])
+    cov = H_inverse @ M @ H_inverse.T + np.diag(floor**2)
+    failure = ""
+    if overlap < settings.min_overlap:
+        failure = f"overlap {overlap:.2f} below {settings.min_overlap:.2f}"
+    return PlanarMatch(q, 0.5 * (cov + cov.T), overlap, iterations, failure)
+
+
+def _failed(prior: Array, cov_prior: Array, reason: str) -> PlanarMatch:
+    return PlanarMatch(np.array(prior, float), np.array(cov_prior, float), 0.0, 0, reason)

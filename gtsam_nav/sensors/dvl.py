@@ -1,0 +1,73 @@
+"""Doppler velocity log: which samples count, and the body velocity that they measure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gtsam_nav.frames import Array, skew
+from gtsam_nav.mission import BoolArray, DvlSeries, Rejection, Sensor
+from gtsam_nav.sensors.noise import DvlNoise
+from gtsam_nav.sensors.prediction import BodyState, Prediction
+
+
+@dataclass(frozen=True)
+class DvlVelocities:
+    """Velocities of the body's origin in body axes, (n, 3) m/s, with sigmas (n,)."""
+
+    t: Array
+    v_b: Array
+    sigma: Array
+    row: Array
+    rejections: tuple[Rejection, ...]
+
+
+def body_velocities(dvl: Sensor, omega_b: Array, water_lock_after_s: float) -> DvlVelocities:
+    """The usable samples of a DVL as velocities of the body's origin.
+
+    Short losses of bottom lock are left to the motion model: water lock, which measures the
+    water's own motion too, counts only where bottom lock stays away.
+
+    Parameters
+    ----------
+    dvl : Sensor
+    omega_b : ndarray, shape (n, 3)
+        Angular rate at the DVL's samples, rad/s, for its lever arm.
+    water_lock_after_s : float
+        Longest absence of bottom lock that is bridged.
+    """
+    series = dvl.series
+    assert isinstance(series, DvlSeries)
+    noise = DvlNoise.model_validate(dvl.noise)
+    bottom = series.valid & series.bottom_lock
+    water = series.valid & ~series.bottom_lock
+    absence = _seconds_without(series.t, bottom)
+    used = bottom | (water & (absence > water_lock_after_s))
+    v_b = series.v_d @ dvl.R_bs.T - np.cross(omega_b, dvl.xyz_b)
+    sigma = np.where(bottom, series.sigma, np.hypot(series.sigma, noise.water_sigma_m_s))
+    rejections = tuple(
+        Rejection(
+            t=float(series.t[k]),
+            sensor=dvl.name,
+            index=int(series.row[k]),
+            reason="water lock in a short gap" if series.valid[k] else "no lock",
+        )
+        for k in np.flatnonzero(~used)
+    )
+    return DvlVelocities(series.t[used], v_b[used], sigma[used], series.row[used], rejections)
+
+
+def _seconds_without(t: Array, present: BoolArray) -> Array:
+    """Length of the spell without ``present`` that each sample stands in."""
+    marks = t[present]
+    before = np.append(-np.inf, marks)[np.searchsorted(marks, t, side="right")]
+    after = np.append(marks, np.inf)[np.searchsorted(marks, t, side="left")]
+    return np.asarray(after - before)
+
+
+def predict(state: BodyState, v_b: Array, sigma: float) -> Prediction:
+    """Body velocity against a state: ``R_nb' v_n - v_b``."""
+    v_predicted_b = state.R_nb.T @ state.v_n
+    jacobian = np.hstack([skew(v_predicted_b), np.zeros((3, 3)), np.eye(3)])
+    return Prediction(v_predicted_b - v_b, jacobian, sigma**2 * np.eye(3))

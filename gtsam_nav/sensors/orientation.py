@@ -1,0 +1,68 @@
+"""Attitude and heading reference: roll, pitch and heading as one orientation.
+
+Heading readings carry a slowly varying bias (magnetic surroundings). The orientation that is
+measured is ``Rz(bias)' R_nb``: the estimators that know the bias as a state pass it in.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gtsam_nav.frames import Array, rotation_from_rpy
+from gtsam_nav.mission import AttitudeSeries, HeadingSeries, Mission
+from gtsam_nav.sensors.noise import HeadingNoise
+from gtsam_nav.sensors.prediction import BodyState, Prediction
+
+UNMEASURED_TILT_SIGMA_RAD = np.radians(10.0)
+"""Roll and pitch of a mission that does not measure them: a vehicle that is stable in both."""
+
+
+def predict(
+    state: BodyState, R_measured: Array, heading_bias: float, sigma_rpy: Array
+) -> Prediction:
+    """Orientation against a state: ``Log(R_measured' Rz(bias)' R_nb)`` in body axes."""
+    from scipy.spatial.transform import Rotation
+
+    R_bias = rotation_from_rpy([0.0, 0.0, heading_bias])
+    residual = Rotation.from_matrix(R_measured.T @ R_bias.T @ state.R_nb).as_rotvec()
+    jacobian = np.zeros((3, 9))
+    jacobian[:, :3] = _inverse_right_jacobian(residual)
+    return Prediction(residual, jacobian, np.diag(np.asarray(sigma_rpy) ** 2))
+
+
+def _inverse_right_jacobian(phi: Array) -> Array:
+    """Of SO(3): Forster et al. 2017, equation (9)."""
+    from gtsam_nav.frames import skew
+
+    angle = float(np.linalg.norm(phi))
+    if angle < 1e-6:
+        return np.eye(3) + 0.5 * skew(phi)
+    S = skew(phi)
+    factor = 1 / angle**2 - (1 + np.cos(angle)) / (2 * angle * np.sin(angle))
+    return np.asarray(np.eye(3) + 0.5 * S + factor * S @ S)
+
+
+def headings_true(mission: Mission) -> HeadingSeries | None:
+    """Headings of the body from true north, declination applied; None without a compass."""
+    sensor = mission.first("heading")
+    if sensor is None:
+        return None
+    series = sensor.series
+    assert isinstance(series, HeadingSeries)
+    declination = np.radians(HeadingNoise.model_validate(sensor.noise).declination_deg)
+    if declination == 0.0:
+        return series
+    return HeadingSeries(
+        t=series.t, row=series.row, heading=series.heading + declination, sigma=series.sigma
+    )
+
+
+def tilt_at(mission: Mission, t: Array) -> tuple[Array, Array]:
+    """Roll and pitch at given times, (n, 2) rad, and their sigma (n,), rad."""
+    sensor = mission.first("attitude")
+    if sensor is None:
+        return np.zeros((len(t), 2)), np.full(len(t), UNMEASURED_TILT_SIGMA_RAD)
+    series = sensor.series
+    assert isinstance(series, AttitudeSeries)
+    tilt = np.stack([np.interp(t, series.t, a) for a in (series.roll, series.pitch)], axis=1)
+    return tilt, np.interp(t, series.t, series.sigma)

@@ -1,0 +1,34 @@
+"""Angular rate of the body, from whatever measures it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gtsam_nav.frames import Array
+from gtsam_nav.mission import ImuSeries, Mission, OdometrySeries
+from gtsam_nav.sensors.orientation import headings_true
+
+
+def angular_rate_b(mission: Mission, t: Array) -> Array:
+    """Angular rate in body axes at given times, shape (n, 3), rad/s.
+
+    From the IMU (its bias is small against what a lever arm needs), else the odometry's yaw rate,
+    else the change of heading over a second; zero where nothing turns or nothing measures it.
+    """
+    imu = mission.first("imu")
+    if imu is not None:
+        series = imu.series
+        assert isinstance(series, ImuSeries)
+        rates_b = series.gyro_i @ imu.R_bs.T
+        return np.stack([np.interp(t, series.t, axis) for axis in rates_b.T], axis=1)
+    omega_b = np.zeros((len(t), 3))
+    odometry = mission.first("odometry")
+    headings = headings_true(mission)
+    if odometry is not None:
+        assert isinstance(odometry.series, OdometrySeries)
+        omega_b[:, 2] = np.interp(t, odometry.series.t, odometry.series.yaw_rate)
+    elif headings is not None and len(headings) > 1:
+        unwrapped = np.unwrap(headings.heading)
+        before, after = (np.interp(t + shift, headings.t, unwrapped) for shift in (-0.5, 0.5))
+        omega_b[:, 2] = after - before
+    return omega_b

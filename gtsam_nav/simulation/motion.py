@@ -1,0 +1,185 @@
+"""The vehicle's true motion: a smooth function of time with exact derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import Field
+
+from gtsam_nav.frames import Array, rotation_from_rpy, wrap_angle
+from gtsam_nav.settings import Settings
+from gtsam_nav.simulation.world import World
+
+
+class MotionSettings(Settings):
+    """How the vehicle surveys.
+
+    Attributes
+    ----------
+    speed_m_s : float
+        Cruise speed; the circuit is repeated for as long as the mission lasts.
+    rest_s, ramp_s : float
+        Time at rest before the start, and the time to reach cruise speed.
+    depth_m, depth_swing_m, depth_period_s : float
+        Mean depth, and its slow variation.
+    roll_deg, pitch_deg, yaw_deg, heave_m : float
+        Standard deviations of the motion in waves.
+    wave_period_s : float
+        Mean period of the waves.
+    """
+
+    speed_m_s: float = Field(default=0.8, gt=0)
+    rest_s: float = Field(default=10.0, ge=0)
+    ramp_s: float = Field(default=8.0, gt=0)
+    depth_m: float = Field(default=1.5, ge=0)
+    depth_swing_m: float = Field(default=0.3, ge=0)
+    depth_period_s: float = Field(default=150.0, gt=0)
+    roll_deg: float = Field(default=1.2, ge=0)
+    pitch_deg: float = Field(default=0.8, ge=0)
+    yaw_deg: float = Field(default=0.4, ge=0)
+    heave_m: float = Field(default=0.03, ge=0)
+    wave_period_s: float = Field(default=4.5, gt=0)
+
+
+@dataclass(frozen=True)
+class Kinematics:
+    """The body's state at n times.
+
+    Attributes
+    ----------
+    p_n, v_n, a_n : ndarray, shape (n, 3)
+        Position, velocity and acceleration along NED: m, m/s, m/s^2.
+    rpy : ndarray, shape (n, 3)
+        Roll, pitch, yaw, rad.
+    omega_nb_b : ndarray, shape (n, 3)
+        Angular rate of the body against NED, along body axes, rad/s.
+    """
+
+    t: Array
+    p_n: Array
+    v_n: Array
+    a_n: Array
+    rpy: Array
+    omega_nb_b: Array
+
+    @property
+    def R_nb(self) -> Array:  # noqa: N802
+        """Rotations from body to NED, shape (n, 3, 3)."""
+        return rotation_from_rpy(self.rpy)
+
+    @property
+    def v_b(self) -> Array:
+        """Velocity along body axes, shape (n, 3), m/s."""
+        return to_body(self.R_nb, self.v_n)
+
+
+def to_body(R_nb: Array, vectors_n: Array) -> Array:
+    """Vectors (n, 3) along NED, turned into body axes."""
+    return np.asarray(np.einsum("nji,nj->ni", R_nb, vectors_n))
+
+
+@dataclass(frozen=True)
+class Waves:
+    """Three sinusoids for each of roll, pitch, yaw and heave: arrays of shape (4, 3)."""
+
+    amplitude: Array
+    omega: Array
+    phase: Array
+
+    def at(self, t: Array) -> tuple[Array, Array, Array]:
+        """Value and first two time derivatives, each of shape (n, 4)."""
+        angle = self.omega * t[:, None, None] + self.phase
+        return (
+            (self.amplitude * np.sin(angle)).sum(2),
+            (self.amplitude * self.omega * np.cos(angle)).sum(2),
+            -(self.amplitude * self.omega**2 * np.sin(angle)).sum(2),
+        )
+
+
+def draw_waves(settings: MotionSettings, rng: np.random.Generator) -> Waves:
+    """Waves of the wanted strength with random phases and periods around the mean."""
+    sigma = np.array(
+        [*np.radians([settings.roll_deg, settings.pitch_deg, settings.yaw_deg]), settings.heave_m]
+    )
+    period = settings.wave_period_s * rng.uniform(0.7, 1.4, size=(4, 3))
+    return Waves(
+        # three sinusoids of amplitude a have the variance 3 a^2 / 2
+        amplitude=np.repeat(sigma[:, None] * np.sqrt(2 / 3), 3, axis=1),
+        omega=2 * np.pi / period,
+        phase=rng.uniform(0, 2 * np.pi, size=(4, 3)),
+    )
+
+
+class Motion:
+    """The survey of a world: `at` any time, position and attitude with their derivatives."""
+
+    def __init__(self, world: World, settings: MotionSettings, rng: np.random.Generator) -> None:
+        from scipy.interpolate import make_interp_spline
+
+        corners = np.concatenate([world.circuit_n, world.circuit_n[:1]])
+        chords = np.linalg.norm(np.diff(corners, axis=0), axis=1)
+        way = np.concatenate([[0.0], np.cumsum(chords)])
+        self.settings = settings
+        self.circuit_m = float(way[-1])
+        self._path = make_interp_spline(way, corners, k=5, bc_type="periodic")
+        self._waves = draw_waves(settings, rng)
+
+    def at(self, t: ArrayLike) -> Kinematics:
+        """The state at times (n,), s."""
+        times = np.asarray(t, dtype=float)
+        way, way_rate, way_accel = self._progress(times)
+        horizontal = [self._path(way % self.circuit_m, nu) for nu in range(3)]
+        place, tangent, bend = horizontal
+        wave, wave_rate, wave_accel = self._waves.at(times)
+        depth, depth_rate, depth_accel = self._depth(times)
+
+        course = np.arctan2(tangent[:, 1], tangent[:, 0])
+        turn = tangent[:, 0] * bend[:, 1] - tangent[:, 1] * bend[:, 0]
+        course_rate = turn / (tangent**2).sum(1) * way_rate
+        rpy = wave[:, :3].copy()
+        rpy[:, 2] = wrap_angle(rpy[:, 2] + course)
+        rpy_rate = wave_rate[:, :3].copy()
+        rpy_rate[:, 2] += course_rate
+
+        acceleration = bend * way_rate[:, None] ** 2 + tangent * way_accel[:, None]
+        return Kinematics(
+            t=times,
+            p_n=np.column_stack([place, depth + wave[:, 3]]),
+            v_n=np.column_stack([tangent * way_rate[:, None], depth_rate + wave_rate[:, 3]]),
+            a_n=np.column_stack([acceleration, depth_accel + wave_accel[:, 3]]),
+            rpy=rpy,
+            omega_nb_b=body_rates(rpy, rpy_rate),
+        )
+
+    def _progress(self, t: Array) -> tuple[Array, Array, Array]:
+        """Way along the circuit (m), its rate and its acceleration."""
+        s = self.settings
+        x = np.clip((t - s.rest_s) / s.ramp_s, 0.0, 1.0)
+        cruise = np.maximum(t - s.rest_s - s.ramp_s, 0.0)
+        way = s.speed_m_s * (s.ramp_s * x**4 * (x**2 - 3 * x + 2.5) + cruise)
+        rate = s.speed_m_s * x**3 * (6 * x**2 - 15 * x + 10)
+        return way, rate, s.speed_m_s / s.ramp_s * 30 * x**2 * (1 - x) ** 2
+
+    def _depth(self, t: Array) -> tuple[Array, Array, Array]:
+        """The planned depth (m) with its first two derivatives."""
+        s = self.settings
+        omega = 2 * np.pi / s.depth_period_s
+        swing = s.depth_swing_m * np.sin(omega * t)
+        rate = s.depth_swing_m * omega * np.cos(omega * t)
+        return s.depth_m + swing, rate, -(omega**2) * swing
+
+
+def body_rates(rpy: Array, rpy_rate: Array) -> Array:
+    """Angular rate along body axes from Euler angles and their rates, shape (n, 3), rad/s."""
+    roll, pitch, _ = rpy.T
+    roll_rate, pitch_rate, yaw_rate = rpy_rate.T
+    cr, sr, cp, sp = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch)
+    return np.column_stack(
+        [
+            roll_rate - yaw_rate * sp,
+            pitch_rate * cr + yaw_rate * sr * cp,
+            -pitch_rate * sr + yaw_rate * cr * cp,
+        ]
+    )

@@ -1,0 +1,96 @@
+"""Tables of the command line: from typed results to something Rich can render."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from rich.table import Table
+from rich.text import Text
+
+from gtsam_nav.audit import Audit
+from gtsam_nav.audit.findings import Finding
+from gtsam_nav.doctor import PackageState
+from gtsam_nav.evaluation.comparison import ComparisonRow
+
+
+def _table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str | Text]]) -> Table:
+    """A plain table; a column whose name starts with '>' is right-aligned."""
+    table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False)
+    for name in columns:
+        right = name.startswith(">")
+        table.add_column(name.lstrip(">"), justify="right" if right else "left", overflow="fold")
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+def figure(value: float | None, digits: int = 2) -> str:
+    """A number for a cell; a dash for what cannot be told."""
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+def sensor_table(found: Audit) -> Table:
+    """Samples, rate, span and gaps of each sensor."""
+    columns = (
+        "sensor", "type", ">samples", ">rate Hz", ">from s", ">to s", ">gaps", ">longest s",
+        ">dropped",
+    )  # fmt: skip
+    rows = [
+        (
+            s.name,
+            f"{s.type} (simulated)" if s.simulated else s.type,
+            str(s.n_samples),
+            figure(s.rate_hz),
+            figure(s.start_s, 1),
+            figure(s.stop_s, 1),
+            str(len(s.gaps)),
+            figure(max((gap.length_s for gap in s.gaps), default=None), 1),
+            str(sum(d.n_samples for d in s.dropped)),
+        )
+        for s in found.sensors
+    ]
+    return _table(f"Sensors of '{found.mission}'", columns, rows)
+
+
+def finding_table(findings: Iterable[Finding]) -> Table:
+    """What the checks found."""
+    style = {"ok": "green", "warning": "bold yellow"}
+    rows = [
+        (Text(f.severity, style[f.severity]), f.check, f.sensor or "-", f.message) for f in findings
+    ]
+    return _table("Findings", ("", "check", "sensor", "what"), rows)
+
+
+def comparison_table(rows: Sequence[ComparisonRow]) -> Table:
+    """Runs side by side; errors in metres, by alignment."""
+    columns = (
+        "run", ">none mean", ">rmse", ">max", ">start mean", ">SE2 mean", ">NEES", ">coverage",
+        ">loops", ">wall s",
+    )  # fmt: skip
+    cells = [
+        (
+            row.name,
+            figure(row.ate_none_mean_m),
+            figure(row.ate_none_rmse_m),
+            figure(row.ate_none_max_m),
+            figure(row.ate_start_mean_m),
+            figure(row.ate_se2_mean_m),
+            figure(row.nees_mean),
+            figure(row.coverage, 3),
+            f"{row.loops_accepted}/{row.loops_proposed}",
+            figure(row.wall_s, 1),
+        )
+        for row in rows
+    ]
+    note = ", simulated sonar" if any(row.sonar == "simulated" for row in rows) else ""
+    return _table(f"Horizontal error, m{note}", columns, cells)
+
+
+def package_table(packages: Iterable[PackageState]) -> Table:
+    """Dependencies and their state."""
+    rows = []
+    for package in packages:
+        style = "green" if package.trouble is None else "yellow" if package.optional else "red"
+        state = Text(package.trouble or "ok", style)
+        rows.append((package.name, package.version or "-", state, package.purpose))
+    return _table("Packages", ("package", "version", "state", "needed for"), rows)

@@ -1,0 +1,127 @@
+"""run.json: where a run came from and how long it took; all that two equal runs differ in."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+from pydantic import TypeAdapter, ValidationError
+
+import gtsam_nav
+from gtsam_nav.errors import DataError
+from gtsam_nav.frames import Origin
+from gtsam_nav.mission import SonarKind
+from gtsam_nav.solution import Solution
+
+PACKAGES = ("gtsam", "numpy", "scipy")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunRecord:
+    """Provenance of a run.
+
+    Attributes
+    ----------
+    method, mission : str
+    origin : Origin or None
+    start_utc : float or None
+        POSIX seconds of mission time zero.
+    sonar : {"simulated", "recorded"} or None
+    seed : int
+    command : str or None
+        The command line, where there was one.
+    versions : mapping of str to str
+    sources : mapping of str to str
+        SHA-256 of each file that was read.
+    wall_s : float or None
+        From opening the mission to the last result written, plots aside.
+    mission_s : float
+        Span of the mission's sensors.
+    realtime_factor : float or None
+        ``mission_s / wall_s``.
+    stage_s : mapping of str to float
+        Wall time of each stage.
+    warnings : tuple of str
+    skipped : mapping of str to str
+        Files that the run has not, and why.
+    """
+
+    method: str
+    mission: str
+    origin: Origin | None
+    start_utc: float | None
+    sonar: SonarKind | None
+    seed: int
+    command: str | None
+    versions: Mapping[str, str]
+    sources: Mapping[str, str]
+    wall_s: float | None
+    mission_s: float
+    realtime_factor: float | None
+    stage_s: Mapping[str, float]
+    warnings: tuple[str, ...]
+    skipped: Mapping[str, str]
+
+
+def make_record(
+    solution: Solution,
+    seed: int,
+    skipped: Mapping[str, str],
+    command: str | None,
+    wall_s: float | None,
+) -> RunRecord:
+    """Collect the provenance of a solution."""
+    mission = solution.mission
+    begin, end = mission.span_s
+    return RunRecord(
+        method=solution.method,
+        mission=mission.name,
+        origin=mission.origin,
+        start_utc=mission.start_utc,
+        sonar=solution.sonar_kind,
+        seed=seed,
+        command=command,
+        versions={
+            "gtsam_nav": gtsam_nav.__version__,
+            **{name: version(name) for name in PACKAGES},
+            "python": platform.python_version(),
+        },
+        sources={str(path): _sha256(path) for path in mission.sources},
+        wall_s=wall_s,
+        mission_s=end - begin,
+        realtime_factor=(end - begin) / wall_s if wall_s else None,
+        stage_s=dict(solution.stage_s),
+        warnings=tuple(dict.fromkeys((*mission.warnings, *solution.warnings))),
+        skipped=skipped,
+    )
+
+
+def write_record(record: RunRecord, path: Path) -> None:
+    """Write run.json."""
+    document = TypeAdapter(RunRecord).dump_python(record, mode="json")
+    text = json.dumps(document, indent=2, allow_nan=False, ensure_ascii=False)
+    path.write_text(text + "\n", encoding="utf-8")
+
+
+def read_record(path: Path) -> RunRecord:
+    """Read run.json.
+
+    Raises
+    ------
+    DataError
+        Where it is missing or of another shape.
+    """
+    try:
+        return TypeAdapter(RunRecord).validate_json(path.read_bytes())
+    except (OSError, ValidationError) as error:
+        raise DataError(f"cannot read the record of the run: {error}", path) from error
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()

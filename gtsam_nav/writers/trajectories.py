@@ -1,0 +1,207 @@
+"""Trajectories as TUM, KITTI, CSV and geodetic navigation files, and back."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from gtsam_nav.errors import DataError
+from gtsam_nav.frames import (
+    Array,
+    Origin,
+    geodetic_from_ned,
+    quaternion_from_rotation,
+    quaternion_from_rpy,
+)
+from gtsam_nav.trajectory import Trajectory
+from gtsam_nav.writers.frame import Frame, express_points, express_rotations
+from gtsam_nav.writers.tables import EXACT, format_rows, read_table, write_table
+
+
+def write_tum(trajectory: Trajectory, path: Path, frame: Frame = "ned") -> None:
+    """Write ``t x y z qx qy qz qw``, one pose a line, exactly; t in mission seconds."""
+    q_wxyz = quaternion_from_rotation(express_rotations(trajectory.R_nb, frame))
+    if frame == "ned":
+        q_wxyz = trajectory.q_nb_wxyz
+    columns = [
+        trajectory.t,
+        *express_points(trajectory.p_n, frame).T,
+        *q_wxyz[:, [1, 2, 3, 0]].T,
+    ]
+    path.write_text(format_rows(columns, [EXACT] * 8, " "), encoding="utf-8", newline="\n")
+
+
+def read_tum(path: Path) -> Trajectory:
+    """Read a TUM file in NED axes; lines that start with # are comments.
+
+    Raises
+    ------
+    DataError
+        Where the file is missing or does not hold eight numbers a line.
+    """
+    try:
+        lines = [line for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
+        values = np.loadtxt(lines, ndmin=2)
+    except (OSError, ValueError) as error:
+        raise DataError(f"not a TUM trajectory: {error}", path) from error
+    if not len(values) or values.shape[1] != 8:
+        raise DataError("a TUM trajectory has eight numbers a line: t x y z qx qy qz qw", path)
+    return _valid(path, t=values[:, 0], p_n=values[:, 1:4], q_nb_wxyz=values[:, [7, 4, 5, 6]])
+
+
+def write_kitti(trajectory: Trajectory, path: Path, frame: Frame = "ned") -> None:
+    """Write the twelve numbers of [R|p], row by row, one pose a line, exactly; no times."""
+    R = express_rotations(trajectory.R_nb, frame)
+    p = express_points(trajectory.p_n, frame)
+    rows = np.concatenate([R, p[:, :, None]], axis=2).reshape(-1, 12)
+    path.write_text(format_rows(list(rows.T), [EXACT] * 12, " "), encoding="utf-8", newline="\n")
+
+
+def write_trajectory_csv(trajectory: Trajectory, path: Path) -> None:
+    """Write pose, velocity and their standard deviations; what is unknown is ``nan``.
+
+    Columns: t, n, e, d (m), vn, ve, vd (m/s), roll_deg, pitch_deg, yaw_deg, sigma_n, sigma_e,
+    sigma_d (m), cov_ne (m^2), sigma_vn, sigma_ve, sigma_vd (m/s), sigma_roll_deg, sigma_pitch_deg,
+    sigma_yaw_deg, keyframe (0 or 1).
+    """
+    unknown = np.full((len(trajectory), 3), np.nan)
+    cov = trajectory.cov_pose_n
+    sigma_rpy = trajectory.sigma_rpy
+    sigma_p = trajectory.sigma_p_n
+    keyframe = trajectory.keyframe
+    groups: list[tuple[str, Array, str]] = [
+        ("t", trajectory.t, EXACT),
+        ("n,e,d", trajectory.p_n, "%.6f"),
+        ("vn,ve,vd", unknown if trajectory.v_n is None else trajectory.v_n, "%.6f"),
+        ("roll_deg,pitch_deg,yaw_deg", np.degrees(trajectory.rpy), "%.8f"),
+        ("sigma_n,sigma_e,sigma_d", unknown if sigma_p is None else sigma_p, "%.6g"),
+        ("cov_ne", unknown[:, 0] if cov is None else cov[:, 0, 1], "%.6g"),
+        (
+            "sigma_vn,sigma_ve,sigma_vd",
+            unknown if trajectory.sigma_v_n is None else trajectory.sigma_v_n,
+            "%.6g",
+        ),
+        (
+            "sigma_roll_deg,sigma_pitch_deg,sigma_yaw_deg",
+            unknown if sigma_rpy is None else np.degrees(sigma_rpy),
+            "%.6g",
+        ),
+        ("keyframe", unknown[:, 0] if keyframe is None else keyframe.astype(float), "%.0f"),
+    ]
+    columns = {
+        name: (values, fmt)
+        for names, block, fmt in groups
+        for name, values in zip(names.split(","), np.atleast_2d(block.T), strict=True)
+    }
+    write_table(path, columns)
+
+
+def read_trajectory_csv(path: Path) -> Trajectory:
+    """Read what `write_trajectory_csv` wrote; only t, n, e, d and the attitude must be there.
+
+    The covariance is rebuilt from the standard deviations and ``cov_ne``: other correlations are
+    not in the file.
+
+    Raises
+    ------
+    DataError
+        Where a column is missing or a value is not valid.
+    """
+    table = read_table(path)
+    needed = ("t", "n", "e", "d", "roll_deg", "pitch_deg", "yaw_deg")
+    if missing := [name for name in needed if name not in table]:
+        raise DataError(f"column {', '.join(missing)} is missing of {', '.join(needed)}", path)
+
+    def block(*names: str) -> Array | None:
+        columns = [table[name] for name in names if name in table]
+        known = len(columns) == len(names) and not np.any(np.isnan(columns))
+        return np.column_stack(columns) if known else None
+
+    trajectory = _valid(
+        path,
+        t=table["t"],
+        p_n=np.column_stack([table[name] for name in needed[1:4]]),
+        q_nb_wxyz=quaternion_from_rpy(
+            np.radians(np.column_stack([table[name] for name in needed[4:]]))
+        ),
+        v_n=block("vn", "ve", "vd"),
+        sigma_v_n=block("sigma_vn", "sigma_ve", "sigma_vd"),
+    )
+    sigmas = block("sigma_n", "sigma_e", "sigma_d", "cov_ne")
+    sigma_rpy_deg = block("sigma_roll_deg", "sigma_pitch_deg", "sigma_yaw_deg")
+    keyframe = block("keyframe")
+    return replace(
+        trajectory,
+        cov_pose_n=(
+            None
+            if sigmas is None or sigma_rpy_deg is None
+            else _covariance(trajectory.rpy, sigmas, np.radians(sigma_rpy_deg))
+        ),
+        keyframe=None if keyframe is None else keyframe[:, 0] > 0,
+    )
+
+
+def read_trajectory(path: Path) -> Trajectory:
+    """Read a trajectory from ``.tum`` (or ``.txt``) or ``.csv``, in NED.
+
+    Raises
+    ------
+    DataError
+        For another ending or a file that is not valid.
+    """
+    if path.suffix == ".csv":
+        return read_trajectory_csv(path)
+    if path.suffix in (".tum", ".txt"):
+        return read_tum(path)
+    raise DataError("a trajectory is a .tum file (or .txt, the same) or a .csv file", path)
+
+
+def write_nav(trajectory: Trajectory, origin: Origin, path: Path) -> None:
+    """Write t, lat, lon (deg), h (m), vn, ve, vd (m/s), roll, pitch, yaw (deg)."""
+    latitude, longitude, height = geodetic_from_ned(trajectory.p_n, origin)
+    v_n = trajectory.v_n
+    vn, ve, vd = np.full((3, len(trajectory)), np.nan) if v_n is None else v_n.T
+    roll, pitch, yaw = np.degrees(trajectory.rpy).T
+    columns = {
+        "t": (trajectory.t, EXACT),
+        "lat": (latitude, "%.10f"),
+        "lon": (longitude, "%.10f"),
+        "h": (height, "%.4f"),
+        "vn": (vn, "%.5f"),
+        "ve": (ve, "%.5f"),
+        "vd": (vd, "%.5f"),
+        "roll": (roll, "%.6f"),
+        "pitch": (pitch, "%.6f"),
+        "yaw": (yaw, "%.6f"),
+    }
+    write_table(path, columns)
+
+
+def _covariance(rpy: Array, sigmas: Array, sigma_rpy: Array) -> Array:
+    """Pose covariance whose `Trajectory.sigma_p_n` and `Trajectory.sigma_rpy` are as given."""
+    cov = np.zeros((len(rpy), 6, 6))
+    for axis in range(3):
+        cov[:, axis, axis] = sigmas[:, axis] ** 2
+    cov[:, 0, 1] = cov[:, 1, 0] = sigmas[:, 3]
+    _, pitch, yaw = rpy.T
+    c, s, o = np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)
+    # columns: navigation-axis rotation for a small change of roll, of pitch, of yaw
+    J = np.stack(
+        [
+            np.stack([c * np.cos(pitch), s * np.cos(pitch), -np.sin(pitch)], -1),
+            np.stack([-s, c, o], -1),
+            np.stack([o, o, o + 1], -1),
+        ],
+        axis=2,
+    )
+    cov[:, 3:, 3:] = (J * sigma_rpy[:, None, :] ** 2) @ np.swapaxes(J, 1, 2)
+    return cov
+
+
+def _valid(path: Path, **columns: Array | None) -> Trajectory:
+    try:
+        return Trajectory(**columns)  # type: ignore[arg-type]
+    except ValueError as error:
+        raise DataError(f"not a valid trajectory: {error}", path) from error
