@@ -246,13 +246,17 @@ def show_runs(folders: Mapping[str, Path], as_json: bool = False) -> None:
         from gtsam_nav.tables import comparison_table
 
         show(comparison_table(rows))
+    concerned: dict[str, list[str]] = {}
     for row in rows:
         for warning in runs[row.name].record.warnings:
-            say(f"warning: {row.name}: {warning}")
+            concerned.setdefault(warning, []).append(row.name)
         if row.coverage is None:
-            say(f"warning: {row.name}: no score: there is nothing to score it on")
+            concerned.setdefault("no score: nothing to score on", []).append(row.name)
         elif row.failed:
-            say(f"warning: {row.name}: covers only {row.coverage:.1%} of the reference: it failed")
+            failed = f"failed: covers only {row.coverage:.1%} of the reference"
+            concerned.setdefault(failed, []).append(row.name)
+    for warning, names in concerned.items():
+        say(f"warning: {', '.join(names)}: {warning}")
 
 
 @app.command()

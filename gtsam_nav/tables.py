@@ -65,7 +65,7 @@ def comparison_table(rows: Sequence[ComparisonRow]) -> Table:
     """Runs side by side; errors in metres, by alignment."""
     columns = (
         "run", ">none mean", ">rmse", ">max", ">start mean", ">SE2 mean", ">NEES", ">coverage",
-        ">loops", ">wall s",
+        ">loops acc/prop", ">wall s",
     )  # fmt: skip
     cells = [
         (

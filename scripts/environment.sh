@@ -27,8 +27,7 @@ prepare_environment() {
         "$python" -m venv .venv
     fi
     echo "installing gtsam-nav$extras into .venv, once ..." >&2
-    # older ones cannot install a pyproject.toml editable
-    .venv/bin/python -m pip install --quiet 'pip>=21.3'
+    # the pip that comes with Python 3.11 can do all that is needed
     .venv/bin/python -m pip install --quiet --editable ".$extras"
     cp pyproject.toml ".venv/installed$extras"
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -248,7 +249,7 @@ def _walls() -> SonarMap:
     corners = np.array([[-75, -30], [75, -30], [75, 45], [20, 45], [20, 60], [-75, 60], [-75, -30]])
     points = [
         a + rng.random((1500, 1)) * (b - a) + rng.normal(size=(1500, 2)) * 0.25
-        for a, b in zip(corners[:-1], corners[1:], strict=True)
+        for a, b in pairwise(corners)
     ]
     ne = np.concatenate([*points, rng.uniform(-70, 60, size=(400, 2))])
     return SonarMap(

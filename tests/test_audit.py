@@ -5,13 +5,17 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from gtsam_nav.audit import Audit, audit
 from gtsam_nav.audit.findings import Finding
+from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, rotation_from_rpy, wrap_angle
+from gtsam_nav.methods import estimate, methods
+from gtsam_nav.readers import open_mission
 from gtsam_nav.mission import (
     BeamSeries,
     DvlSeries,
@@ -280,6 +284,35 @@ def test_rest_ends_when_the_vehicle_moves(mission: Mission) -> None:
     assert audit(mission).rest_s == pytest.approx(REST_S, abs=5.0)
     assert audit(mission.without("imu")).rest_s == pytest.approx(REST_S, abs=5.0)
     assert audit(mission.without("imu", "dvl")).rest_s is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lacking", [(), ("dvl",), ("heading",), ("gnss",), ("beams", "imu")])
+def test_methods_that_are_said_to_run_do_run(mission: Mission, lacking: tuple[str, ...]) -> None:
+    part = mission.without(*lacking).crop(0.0, 60.0)
+    runnable = audit(part).methods
+    for method in methods():
+        if method in runnable:
+            assert len(estimate(part, method).trajectory) > 0
+        else:
+            with pytest.raises(DataError):
+                estimate(part, method)
+
+
+@pytest.mark.realdata
+def test_st_pere_marina(stpere_folder: Path) -> None:
+    """What the logs are known for: a disturbed compass, a sonar gap, a rest at the surface."""
+    found = audit(open_mission(stpere_folder))
+    course = found.headings[0]
+    assert abs(course.median_deg) < 10.0
+    assert 1.0 < course.spread_deg < 10.0
+    assert found.dvls[0].bottom_share == pytest.approx(1 - 84 / 5045)
+    assert found.sonars[0].beams_per_sweep == 200
+    assert found.sonars[0].clockwise_share > 0.99
+    assert {f.check for f in found.findings if f.severity == "warning"} == {"gaps"}
+    assert "10.6 s at 3009" in finding(found, "gaps").message
+    mirrored = altered(open_mission(stpere_folder), "sonar", lambda angle: -angle, "angle")
+    assert finding(audit(mirrored), "sonar handedness").severity == "warning"
 
 
 def test_sensors_without_samples_do_not_stop_the_audit(mission: Mission) -> None:

@@ -6,7 +6,7 @@ import json
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -24,7 +24,7 @@ from gtsam_nav.simulation import simulate
 from gtsam_nav.solution import Progress, Solution
 from gtsam_nav.writers.mission_folder import write_mission
 
-DURATION_S = 60.0
+DURATION_S = 30.0
 
 registry = import_module("gtsam_nav.methods")
 
@@ -45,18 +45,35 @@ class Outcome:
 CommandLine = Callable[..., Outcome]
 
 
-@pytest.fixture
-def gtsam_nav(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> CommandLine:
-    """Runs ``gtsam-nav ARGUMENTS`` in this process."""
-
-    def call(*arguments: object) -> Outcome:
-        monkeypatch.setattr(sys, "argv", ["gtsam-nav", *map(str, arguments)])
+def run_main(*arguments: object) -> int:
+    """Run ``gtsam-nav ARGUMENTS`` in this process; returns its exit code."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["gtsam-nav", *map(str, arguments)])
         with pytest.raises(SystemExit) as ended:
             main()
+    return int(ended.value.code or 0)
+
+
+@pytest.fixture
+def gtsam_nav(capsys: pytest.CaptureFixture[str]) -> CommandLine:
+    """Runs ``gtsam-nav ARGUMENTS`` and tells what it printed."""
+
+    def call(*arguments: object) -> Outcome:
+        code = run_main(*arguments)
         captured = capsys.readouterr()
-        return Outcome(int(ended.value.code or 0), captured.out, captured.err)
+        return Outcome(code, captured.out, captured.err)
 
     return call
+
+
+@pytest.fixture
+def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs draw no plots, which take the most of a short run's time."""
+
+    def stand_in(_solutions: Sequence[Solution], out: Path, _config: Config) -> Path:
+        return out / "report.html"
+
+    monkeypatch.setattr(import_module("gtsam_nav.evaluation.report"), "write_report", stand_in)
 
 
 @pytest.fixture(scope="session")
@@ -71,11 +88,11 @@ def mission_folder(mission: Mission, tmp_path_factory: pytest.TempPathFactory) -
     return folder
 
 
-@pytest.fixture
-def run_folder(gtsam_nav: CommandLine, mission_folder: Path, tmp_path: Path) -> Path:
+@pytest.fixture(scope="session")
+def run_folder(mission_folder: Path) -> Path:
     """A finished dead reckoning."""
-    out = tmp_path / "out"
-    assert gtsam_nav("run", mission_folder, "--method", "dr", "--out", out).code == 0
+    out = mission_folder.parent / "out"
+    assert run_main("run", mission_folder, "--method", "dr", "--out", out) == 0
     return out
 
 
@@ -121,6 +138,7 @@ def test_run_writes_scores_and_a_report(
     assert config["gnss"]["use"] == "none"
 
 
+@pytest.mark.usefixtures("no_report")
 def test_a_run_may_be_repeated_in_its_place(
     gtsam_nav: CommandLine, mission_folder: Path, run_folder: Path
 ) -> None:
@@ -146,7 +164,7 @@ def test_both_methods_side_by_side(
         "--set",
         "gnss.use=window",
         "--set",
-        "gnss.window_s=[0,30]",
+        "gnss.window_s=[0,15]",
     ]
     done = gtsam_nav("run", mission_folder, *chosen, "--out", tmp_path)
     assert done.code == 0, done.err
@@ -155,14 +173,15 @@ def test_both_methods_side_by_side(
     assert compared.document[1]["coverage"] > 0.99
 
 
+@pytest.mark.usefixtures("no_report")
 def test_start_and_stop_crop_the_mission(
     gtsam_nav: CommandLine, mission_folder: Path, tmp_path: Path
 ) -> None:
-    span = ["--start", "10", "--stop", "40"]
+    span = ["--start", "5", "--stop", "20"]
     assert gtsam_nav("run", mission_folder, "-m", "dr", *span, "--out", tmp_path).code == 0
     t = np.loadtxt(tmp_path / "dr" / "trajectory.tum")[:, 0]
-    assert t[0] == pytest.approx(10.0, abs=0.2)
-    assert t[-1] == pytest.approx(40.0, abs=0.2)
+    assert t[0] == pytest.approx(5.0, abs=0.2)
+    assert t[-1] == pytest.approx(20.0, abs=0.2)
 
 
 def test_compare_puts_runs_side_by_side(gtsam_nav: CommandLine, run_folder: Path) -> None:
@@ -206,11 +225,12 @@ def test_evaluate_takes_files_windows_and_lever_arms(
     assert "mean 0.00" in itself.out
 
 
+@pytest.mark.usefixtures("no_report")
 def test_evaluate_never_scores_on_fixes_that_a_run_used(
     gtsam_nav: CommandLine, mission: Mission, tmp_path: Path
 ) -> None:
     write_mission(mission.without("reference"), tmp_path / "mission")
-    window = ["--set", "gnss.use=window", "--set", "gnss.window_s=[0,20]"]
+    window = ["--set", "gnss.use=window", "--set", "gnss.window_s=[0,15]"]
     done = gtsam_nav("run", tmp_path / "mission", "-m", "dr", *window, "--out", tmp_path / "out")
     assert done.code == 0
     metrics = json.loads((tmp_path / "out" / "dr" / "metrics.json").read_text())
@@ -381,7 +401,7 @@ def test_a_span_without_samples_ends_in_3(
 ) -> None:
     refused = gtsam_nav("run", mission_folder, "--start", "5000", "--out", tmp_path)
     assert refused.code == 3
-    assert "spans 0.0 to 60" in refused.err
+    assert "spans 0.0 to 30" in refused.err
 
 
 def test_sensors_that_never_overlap_are_named(

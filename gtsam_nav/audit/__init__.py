@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
+
 from gtsam_nav.audit.findings import Finding
 from gtsam_nav.audit.heading import (
     HeadingAgainstCourse,
@@ -16,7 +18,8 @@ from gtsam_nav.audit.inertial import inertial_findings
 from gtsam_nav.audit.motion import DvlLock, dvl_lock, initial_rest_s, lock_findings, velocity_sensor
 from gtsam_nav.audit.sonar import SonarHead, sonar_findings, sonar_head
 from gtsam_nav.audit.timing import SensorTiming, sensor_timing, timing_findings
-from gtsam_nav.mission import Mission
+from gtsam_nav.methods import methods
+from gtsam_nav.mission import DvlSeries, Mission
 
 
 @dataclass(frozen=True)
@@ -113,5 +116,10 @@ def audit(mission: Mission) -> Audit:
 
 
 def runnable_methods(mission: Mission) -> tuple[str, ...]:
-    """Names of the estimation methods that the mission's sensors suffice for."""
-    return ()
+    """Names of the estimation methods that the mission's sensors suffice for.
+
+    All of this version need a velocity: a DVL with valid samples, or odometry.
+    """
+    dvls = [dvl.series for dvl in mission.of_type("dvl")]
+    has_dvl = any(isinstance(series, DvlSeries) and np.any(series.valid) for series in dvls)
+    return methods() if has_dvl or mission.of_type("odometry") else ()

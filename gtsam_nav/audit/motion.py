@@ -12,8 +12,8 @@ from gtsam_nav.frames import Array
 from gtsam_nav.mission import DvlSeries, Mission, OdometrySeries, Sensor
 from gtsam_nav.preprocess.alignment import at_rest
 
-REST_SPEED_M_S = 0.05
-REST_WINDOW_S = 5.0
+REST_SPEED_M_S = 0.1
+REST_WINDOW_S = 10.0
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def velocity_sensor(mission: Mission) -> Sensor | None:
 def initial_rest_s(mission: Mission) -> float | None:
     """Seconds from the start of the mission until the vehicle moves.
 
-    At rest the median speed over 5 s is below 0.05 m/s and the IMU's readings stay still; a sensor
+    At rest the median speed over 10 s is below 0.1 m/s and the IMU's readings stay still; a sensor
     that the mission lacks has no say.
 
     Returns

@@ -80,10 +80,8 @@ def timing_findings(timing: SensorTiming) -> Iterator[Finding]:
             "gaps",
             timing.name,
             "warning",
-            f"{len(timing.gaps)} gaps of more than {GAP_FACTOR:g} median intervals, "
+            f"silent for more than {GAP_FACTOR:g} median intervals: {len(timing.gaps)} times, "
             f"the longest {longest.length_s:.1f} s at {longest.start_s:.1f} s",
         )
     for dropped in timing.dropped:
-        yield Finding(
-            "dropped", timing.name, "warning", f"{dropped.n_samples} samples: {dropped.reason}"
-        )
+        yield Finding("dropped", timing.name, "warning", f"{dropped.reason}: {dropped.n_samples}")

@@ -38,12 +38,13 @@ def consistency(squared: Array, dof: int) -> Consistency | None:
     Parameters
     ----------
     squared : ndarray, shape (m,)
-        NEES or NIS of each sample.
+        NEES or NIS of each sample; what is not finite is left out.
     dof : int
         Degrees of freedom of a sample.
     """
     from scipy.special import gammaincinv
 
+    squared = squared[np.isfinite(squared)]
     if not len(squared):
         return None
     lower, upper = (2.0 * float(gammaincinv(dof / 2.0, p)) for p in (0.025, 0.975))

@@ -81,11 +81,11 @@ def match(
 def distance_m(reference: ReferenceSeries) -> Array:
     """Horizontal distance travelled since the first sample, shape (m,), m.
 
-    The path is walked in steps of at least three sigma of the reference, so that its noise does
-    not add up to distance; between the steps' ends distance grows linearly in time.
+    The path is walked in steps of at least five sigma of the reference: white noise on shorter
+    steps would add up to distance. Between the steps' ends distance grows linearly in time.
     """
     p_ne = reference.p_n[:, :2]
-    least = 0.0 if reference.sigma is None else 3.0 * float(np.median(reference.sigma))
+    least = 0.0 if reference.sigma is None else 5.0 * float(np.median(reference.sigma))
     nodes = _steps_of_at_least(p_ne, least)
     travelled = np.cumsum(np.linalg.norm(np.diff(p_ne[nodes], axis=0), axis=1))
     at_nodes = np.concatenate([[0.0], travelled])

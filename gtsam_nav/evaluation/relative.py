@@ -56,7 +56,7 @@ def relative_error(matched: Matched, segment_m: float | None) -> RelativeError |
     length = travelled[-1] / 10.0 if segment_m is None else segment_m
     end = np.searchsorted(travelled, travelled + length - ROUNDING_M)
     begin = np.flatnonzero(end < len(travelled))
-    if not len(begin) or length <= 0.0:
+    if not len(begin) or length <= ROUNDING_M:
         return None
     end = end[begin]
     covered = travelled[end] - travelled[begin]

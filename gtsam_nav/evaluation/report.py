@@ -188,7 +188,7 @@ def _banners(report: _Report) -> Html:
 
 def _summary(report: _Report) -> Html:
     if all(s.reference is None for s in report.solutions):
-        why = "Every score is empty: all fixes were used, and the mission has no other reference."
+        why = "Every score is empty: the mission has no reference, and no GNSS fix was withheld."
         return _section("Scores", element("p", why))
     note = (
         "Horizontal error of the estimate at the reference's times and antenna. "
@@ -224,7 +224,8 @@ def _errors(report: _Report) -> Html:
     ]
     for s in report.solutions:
         made = plots.position_errors(s, window_s)
-        caption = f"{s.method}: error north, east and horizontal, with three sigma."
+        after = "with three sigma" if s.georeferenced else "after the SE(2) alignment"
+        caption = f"{s.method}: error north, east and horizontal, {after}."
         figures.append(report.figure(f"position_errors_{s.method}", made, caption))
     return _section(
         _scored_title(report, "Errors"),

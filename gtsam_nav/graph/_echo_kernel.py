@@ -17,38 +17,94 @@ def local_lines(
 ) -> tuple[Array, BoolArray]:
     """Normal of the wall at each echo, from its neighbours in the same scan.
 
+    The line is fitted twice, the second time without neighbours far from the first (clutter,
+    second echoes).
+
     Returns
     -------
     normal : ndarray, shape (k, 2)
     is_line : ndarray of bool, shape (k,)
-        At least four neighbours, thin across the normal and three times as long along the wall.
+        The echo is one of at least four neighbours on a line longer than three times its thickness.
     """
     n = len(xy)
     normal, is_line = np.zeros((n, 2)), np.zeros(n, np.bool_)
-    r2 = radius * radius
     for s in range(len(scan_first) - 1):
         for i in range(scan_first[s], scan_first[s + 1]):
-            count, mx, my, sxx, sxy, syy = 0, 0.0, 0.0, 0.0, 0.0, 0.0
-            for j in range(scan_first[s], scan_first[s + 1]):
-                dx, dy = xy[j, 0] - xy[i, 0], xy[j, 1] - xy[i, 1]
-                if dx * dx + dy * dy <= r2:
-                    count += 1
-                    mx += dx
-                    my += dy
-                    sxx += dx * dx
-                    sxy += dx * dy
-                    syy += dy * dy
+            nx, ny, offset = 0.0, 0.0, 0.0
+            keep_within = np.inf
+            for _ in range(2):
+                count, mx, my, sxx, sxy, syy = 0, 0.0, 0.0, 0.0, 0.0, 0.0
+                for j in range(scan_first[s], scan_first[s + 1]):
+                    dx, dy = xy[j, 0] - xy[i, 0], xy[j, 1] - xy[i, 1]
+                    near = dx * dx + dy * dy <= radius * radius
+                    if near and abs(nx * dx + ny * dy - offset) <= keep_within:
+                        count += 1
+                        mx += dx
+                        my += dy
+                        sxx += dx * dx
+                        sxy += dx * dy
+                        syy += dy * dy
+                if count < 4:
+                    break
+                mx, my = mx / count, my / count
+                sxx, sxy, syy = sxx / count - mx * mx, sxy / count - mx * my, syy / count - my * my
+                angle = 0.5 * math.atan2(2 * sxy, sxx - syy)
+                nx, ny = -math.sin(angle), math.cos(angle)
+                offset = nx * mx + ny * my
+                keep_within = 2.0 * max_thickness
             if count < 4:
                 continue
-            mx, my = mx / count, my / count
-            sxx, sxy, syy = sxx / count - mx * mx, sxy / count - mx * my, syy / count - my * my
             half = 0.5 * (sxx + syy)
             root = math.sqrt(max(0.25 * (sxx - syy) ** 2 + sxy * sxy, 0.0))
             small, large = max(half - root, 0.0), half + root
-            angle = 0.5 * math.atan2(2 * sxy, sxx - syy)
-            normal[i, 0], normal[i, 1] = -math.sin(angle), math.cos(angle)
-            is_line[i] = small < max_thickness * max_thickness and large > 9.0 * small
+            thin = small < max_thickness * max_thickness and large > 9.0 * small
+            normal[i, 0], normal[i, 1] = nx, ny
+            is_line[i] = thin and abs(offset) <= 2.0 * max_thickness
     return normal, is_line
+
+
+@numba.njit(cache=True, error_model="numpy")
+def grid(xy: Array, cell: float) -> tuple[IntArray, IntArray, IntArray, IntArray, int, int]:
+    """Bucket points into square cells: cell of each in x and y, points by cell, cell bounds."""
+    cx = ((xy[:, 0] - xy[:, 0].min()) / cell).astype(np.int64)
+    cy = ((xy[:, 1] - xy[:, 1].min()) / cell).astype(np.int64)
+    nx, ny = cx.max() + 1, cy.max() + 1
+    index = cx * ny + cy
+    order = np.argsort(index, kind="mergesort")
+    first = np.searchsorted(index[order], np.arange(nx * ny + 1))
+    return cx, cy, order, first, nx, ny
+
+
+@numba.njit(cache=True, error_model="numpy")
+def fixed_points(xy: Array, normal: Array, is_line: BoolArray, radius: float) -> BoolArray:
+    """Echoes that fix a place in both directions: scatterers and corners, not stray wall echoes.
+
+    Seen by all scans together, what surrounds an echo of a wall is mostly one wall; at a corner
+    the walls differ in direction, and a scatterer stands alone.
+    """
+    cx, cy, order, first, nx, ny = grid(xy, radius)
+    out = np.zeros(len(xy), np.bool_)
+    for i in range(len(xy)):
+        if is_line[i]:
+            continue
+        total, lines, txx, txy, tyy = 0, 0, 0.0, 0.0, 0.0
+        for ix in range(max(cx[i] - 1, 0), min(cx[i] + 2, nx)):
+            for iy in range(max(cy[i] - 1, 0), min(cy[i] + 2, ny)):
+                for m in range(first[ix * ny + iy], first[ix * ny + iy + 1]):
+                    j = order[m]
+                    dx, dy = xy[j, 0] - xy[i, 0], xy[j, 1] - xy[i, 1]
+                    if j == i or dx * dx + dy * dy > radius * radius:
+                        continue
+                    total += 1
+                    if is_line[j]:
+                        lines += 1
+                        txx += normal[j, 0] * normal[j, 0]
+                        txy += normal[j, 0] * normal[j, 1]
+                        tyy += normal[j, 1] * normal[j, 1]
+        root = math.sqrt(0.25 * (txx - tyy) ** 2 + txy * txy)
+        smaller = 0.5 * (txx + tyy) - root
+        out[i] = total > 0 and (2 * lines < total or smaller > 0.2 * lines)
+    return out
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -61,6 +117,7 @@ def partners(
     gate: float,
     normal: Array,
     is_line: BoolArray,
+    eligible: BoolArray,
 ) -> tuple[IntArray, IntArray]:
     """For each echo, the nearest echo of each other scan taken nearby, within a gate.
 
@@ -72,21 +129,15 @@ def partners(
         Pairs, sorted by i and then by the scan of j.
     """
     n = len(xy)
-    cell = gate
-    x0, y0 = xy[:, 0].min(), xy[:, 1].min()
-    nx = int((xy[:, 0].max() - x0) / cell) + 1
-    ny = int((xy[:, 1].max() - y0) / cell) + 1
-    cx = ((xy[:, 0] - x0) / cell).astype(np.int64)
-    cy = ((xy[:, 1] - y0) / cell).astype(np.int64)
-    index = cx * ny + cy
-    order = np.argsort(index, kind="mergesort")
-    first = np.searchsorted(index[order], np.arange(nx * ny + 1))
+    cx, cy, order, first, nx, ny = grid(xy, gate)
     out_i, out_j = np.empty(n * 8, np.int64), np.empty(n * 8, np.int64)
     count = 0
     best = np.full(n_scans, -1, np.int64)
     best_d2 = np.empty(n_scans)
     touched = np.empty(n_scans, np.int64)
     for i in range(n):
+        if not eligible[i]:
+            continue
         n_touched = 0
         for ix in range(max(cx[i] - 1, 0), min(cx[i] + 2, nx)):
             for iy in range(max(cy[i] - 1, 0), min(cy[i] + 2, ny)):
@@ -94,7 +145,7 @@ def partners(
                 for m in range(first[c], first[c + 1]):
                     j = order[m]
                     s = scan[j]
-                    if s == scan[i] or is_line[j] != is_line[i]:
+                    if s == scan[i] or is_line[j] != is_line[i] or not eligible[j]:
                         continue
                     dx, dy = xy[j, 0] - xy[i, 0], xy[j, 1] - xy[i, 1]
                     d2 = dx * dx + dy * dy

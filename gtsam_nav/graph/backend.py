@@ -85,9 +85,13 @@ class Backend:
         self._new_values = gtsam.Values()
 
     def state(self, k: int) -> Any:
-        """Current estimate of keyframe k."""
+        """Current estimate of keyframe k, from which the next one is predicted."""
         self._last_state = self._isam.calculateEstimateNavState(X(k))
         return self._last_state
+
+    def peek(self, k: int) -> Any:
+        """Current estimate of any keyframe, without predicting from it."""
+        return self._isam.calculateEstimateNavState(X(k))
 
     def covariance(self, k: int) -> Array:
         """Marginal covariance (9, 9) of keyframe k in its tangent space."""
@@ -95,7 +99,8 @@ class Backend:
 
     def joint_planar_covariance(self, a: int, b: int) -> Array:
         """Covariance (6, 6) of (dn, de, dyaw) of two keyframes."""
-        joint = np.asarray(self._isam.jointMarginalCovariance([X(a), X(b)]))
+        marginal = self._isam.jointMarginalCovariance([X(a), X(b)])
+        joint = np.block([[marginal.at(X(i), X(j)) for j in (a, b)] for i in (a, b)])
         S = np.zeros((6, 18))
         S[:3, :9] = planar_rows(self._isam.calculateEstimateNavState(X(a)).attitude().matrix())
         S[3:, 9:] = planar_rows(self._isam.calculateEstimateNavState(X(b)).attitude().matrix())
@@ -105,11 +110,12 @@ class Backend:
         """Current estimate of everything."""
         return self._isam.calculateEstimate()
 
-    def graph(self) -> Any:
-        """All factors so far."""
+    def graph(self, without: str | None = None) -> Any:
+        """All factors so far, or all but those of one sensor."""
         graph = gtsam.NonlinearFactorGraph()
         for entry in self.entries:
-            graph.add(entry.factor)
+            if entry.sensor != without:
+                graph.add(entry.factor)
         return graph
 
 

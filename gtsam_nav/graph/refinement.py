@@ -18,7 +18,7 @@ from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.sensor_posterior import SensorPosterior, sensor_posterior
 from gtsam_nav.graph.settings import RefinementSettings
-from gtsam_nav.mission import IntArray
+from gtsam_nav.mission import BoolArray, IntArray
 from gtsam_nav.preprocess.motion import VehicleMotion
 from gtsam_nav.solution import Progress
 from gtsam_nav.sonar.echoes import Echoes
@@ -26,7 +26,9 @@ from gtsam_nav.sonar.scans import Turns
 
 log = logging.getLogger(__name__)
 
-CHI2_MEDIAN_1_DOF = 0.4549
+CHI2_MEDIAN_1_DOF, CHI2_MEDIAN_2_DOF = 0.4549, 1.3863
+LEAST_SPREAD2 = 0.05
+"""Residuals may be this much smaller in variance than the echoes' stated noise."""
 MAX_RELINEARISATIONS = 6
 
 
@@ -154,7 +156,11 @@ class JointRefinement:
             narrow = gate <= self.settings.last_gate_m
             settled = narrow and float(np.max(np.abs(step[:, :2]))) < self.settings.converged_m
             gate = max(gate * self.settings.gate_factor, self.settings.last_gate_m)
-            log.debug("refinement: largest step %.3f m", np.max(np.abs(step[:, :2])))
+            log.debug(
+                "refinement: largest step %.3f m at knot %d",
+                np.max(np.abs(step[:, :2])),
+                np.argmax(np.max(np.abs(step[:, :2]), axis=1)),
+            )
         return planar, information, gate, count, settled
 
     def _planar_of(self, values: Any) -> Array:
@@ -169,6 +175,7 @@ class JointRefinement:
         """Sonar's information on the knots, (3m, 3m), and the gradient (3m,) at their poses."""
         from gtsam_nav.graph._echo_kernel import (
             accumulate,
+            fixed_points,
             local_lines,
             partners,
             squared_residuals,
@@ -179,10 +186,19 @@ class JointRefinement:
         normal, is_line = local_lines(xy, self.scan_first, s.line_radius_m, s.line_thickness_m)
         middle = np.clip(self._scan_middle, 0, len(xy) - 1)
         vehicle = (xy - arm)[middle]
+        eligible = is_line | fixed_points(xy, normal, is_line, s.point_radius_m)
         i, j = partners(
-            xy, self.scan, len(vehicle), vehicle, s.neighbour_radius_m, gate, normal, is_line
+            xy,
+            self.scan,
+            len(vehicle),
+            vehicle,
+            s.neighbour_radius_m,
+            gate,
+            normal,
+            is_line,
+            eligible,
         )
-        i, j = self._keep_mutual(i, j, is_line)
+        i, j = self._keep_trusted_points(i, j, is_line)
         d2 = squared_residuals(i, j, xy, cov, normal, is_line)
         weight = self._weights(i, d2, is_line)
         intervals, block = np.unique(
@@ -204,21 +220,27 @@ class JointRefinement:
         arm = np.einsum("kij,kj->ki", B, self.xy_b)
         return self._ne + own[:, :2] + arm, arm, B @ self.cov_b @ np.swapaxes(B, 1, 2)
 
-    def _keep_mutual(self, i: IntArray, j: IntArray, is_line: Array) -> tuple[IntArray, IntArray]:
-        """Off the walls only mutual choices count."""
+    def _keep_trusted_points(
+        self, i: IntArray, j: IntArray, is_line: BoolArray
+    ) -> tuple[IntArray, IntArray]:
+        """Off the walls only mutual choices count, and only places that several scans saw."""
         from gtsam_nav.graph._echo_kernel import mutual
 
         keep = is_line[i] | mutual(i, j, self.scan, len(self.scan))
+        i, j = i[keep], j[keep]
+        seen = np.bincount(i, minlength=len(self.scan)) >= self.settings.min_sightings
+        keep = is_line[i] | (seen[i] & seen[j])
         return i[keep], j[keep]
 
-    def _weights(self, i: IntArray, d2: Array, is_line: Array) -> Array:
+    def _weights(self, i: IntArray, d2: Array, is_line: BoolArray) -> Array:
         """Cauchy weights in units of the spread found, shared among an echo's many partners."""
         weight = np.empty(len(d2))
         for kind in (True, False):
             these = is_line[i] == kind
             if not np.any(these):
                 continue
-            spread2 = max(1.0, float(np.median(d2[these])) / CHI2_MEDIAN_1_DOF)
+            median = CHI2_MEDIAN_1_DOF if kind else CHI2_MEDIAN_2_DOF / 2
+            spread2 = max(LEAST_SPREAD2, float(np.median(d2[these])) / median)
             scaled = d2[these] / spread2
             weight[these] = 1.0 / (1.0 + scaled / self.settings.cauchy_k**2) / spread2
         visits = np.bincount(i, minlength=len(self.scan)) + 1
@@ -236,4 +258,5 @@ def _assemble(a: IntArray, b: IntArray, A: Array, g: Array, n_knots: int) -> tup
     information = coo_array(
         (A.ravel(), (rows, np.tile(columns, (1, 12)).ravel())), shape=(size, size)
     )
-    return information.toarray(), np.bincount(columns.ravel(), g.ravel(), minlength=size)
+    gradient = np.bincount(columns.ravel(), g.ravel(), minlength=size)
+    return np.asarray(information.toarray()), np.asarray(gradient, dtype=float)

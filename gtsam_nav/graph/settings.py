@@ -46,6 +46,9 @@ class RefinementSettings(Settings):
         Partners are sought within a distance that shrinks by a factor each iteration.
     line_radius_m, line_thickness_m : float
         An echo lies on a wall where its neighbours within the radius are thinner than this.
+    point_radius_m, min_sightings : float, int
+        Off the walls an echo counts where no single wall fills this surrounding, and where it has
+        partners in so many other scans: clutter is seen once.
     cauchy_k : float
         Scale of the Cauchy weight, in standard deviations of the residuals found.
     """
@@ -58,6 +61,8 @@ class RefinementSettings(Settings):
     gate_factor: float = Field(default=0.85, gt=0, le=1)
     line_radius_m: float = Field(default=3.0, gt=0)
     line_thickness_m: float = Field(default=0.4, gt=0)
+    point_radius_m: float = Field(default=2.0, gt=0)
+    min_sightings: int = Field(default=3, ge=1)
     cauchy_k: float = Field(default=1.5, gt=0)
 
 

@@ -4,50 +4,72 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from gtsam_nav.errors import DataError
-from gtsam_nav.mission import Mission, Rejection, Sensor
+from gtsam_nav.frames import Array
+from gtsam_nav.mission import BoolArray, Mission, Rejection, Sensor
 from gtsam_nav.preprocess.cleaning import main_stretch
 
 log = logging.getLogger(__name__)
 
 
-def on_mission_time(mission: Mission) -> Mission:
+def on_mission_time(mission: Mission, offsets_s: Mapping[str, float]) -> Mission:
     """Move a mission whose times are its files' stamps to mission time.
 
-    Samples hours away from what most of the mission forms are dropped, so that a clock that jumped
-    never defines time zero; zero is then the earliest sample of any sensor.
+    Each sensor's clock offset is added. Samples hours away from what most of the mission forms are
+    dropped, so that a clock that jumped never defines time zero; zero is then the earliest sample
+    of any sensor.
 
     Parameters
     ----------
     mission : Mission
         ``start_utc`` is the POSIX time of stamp zero, or None.
+    offsets_s : mapping of str to float
+        ``time_offset_s`` of every sensor that the mission names, those left out included.
 
     Raises
     ------
     DataError
         Where no sensor that an estimator could use holds a sample.
     """
-    mission = _one_stretch(mission)
-    sensors = mission.sensors.values()
-    if not any(s.type != "reference" for s in sensors):
+    mission = _one_stretch(_shifted(mission, offsets_s))
+    if all(s.type == "reference" for s in mission.sensors.values()):
         raise DataError(f"mission '{mission.name}' has no usable sensor. {_why_not(mission)}")
-    zero = min(float(s.series.t[0]) for s in sensors)
-    moved = {s.name: replace(s, series=s.series.shift(-zero)) for s in sensors}
-    warnings = (*mission.warnings, *_warnings_of(sensors))
+    zero = min(float(s.series.t[0]) for s in mission.sensors.values())
+    mission = _shifted(mission, dict.fromkeys(offsets_s, -zero))
+    warnings = (*mission.warnings, *_warnings_of(mission.sensors.values()))
     for warning in warnings:
         log.warning("%s: %s", mission.name, warning)
-    return replace(
-        mission,
-        sensors=moved,
-        start_utc=None if mission.start_utc is None else mission.start_utc + zero,
-        rejections=tuple(replace(r, t=r.t - zero) for r in mission.rejections),
-        warnings=warnings,
-    )
+    start_utc = None if mission.start_utc is None else mission.start_utc + zero
+    return replace(mission, start_utc=start_utc, warnings=warnings)
+
+
+def _shifted(mission: Mission, offsets_s: Mapping[str, float]) -> Mission:
+    """A copy whose samples and rejections are moved in time, sensor by sensor."""
+    sensors: dict[str, Sensor] = {}
+    rejections = [replace(r, t=r.t + offsets_s[r.sensor]) for r in mission.rejections]
+    for name, sensor in mission.sensors.items():
+        series = sensor.series
+        t = series.t + offsets_s[name]
+        # stamps that were apart by less than the sum can resolve fall together
+        apart = np.append(True, np.diff(t) > 0) | series.REPEATED_STAMPS
+        if not np.all(apart):
+            rejections += _rejections(sensor, t, ~apart, "duplicate stamp")
+            series, t = series.select(apart), t[apart]
+        sensors[name] = replace(sensor, series=replace(series, t=t))
+    return replace(mission, sensors=sensors, rejections=tuple(rejections))
+
+
+def _rejections(sensor: Sensor, t: Array, dropped: BoolArray, reason: str) -> list[Rejection]:
+    rows = sensor.series.row
+    return [
+        Rejection(t=float(t[k]), sensor=sensor.name, index=int(rows[k]), reason=reason)
+        for k in np.flatnonzero(dropped)
+    ]
 
 
 def _one_stretch(mission: Mission) -> Mission:
@@ -73,12 +95,7 @@ def _one_stretch(mission: Mission) -> Mission:
                 "check its time_offset_s"
             )
         reason = "clock jump" if np.any(inside) else "no overlap in time"
-        rejections += [
-            Rejection(
-                t=float(t[k]), sensor=sensor.name, index=int(sensor.series.row[k]), reason=reason
-            )
-            for k in np.flatnonzero(~inside)
-        ]
+        rejections += _rejections(sensor, t, ~inside, reason)
     return replace(mission, sensors=kept, rejections=tuple(rejections), warnings=tuple(warnings))
 
 

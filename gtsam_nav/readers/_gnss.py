@@ -16,6 +16,7 @@ class Fixes:
     """Raw fixes in the order of the file.
 
     ``sigma`` and ``v_n`` have shape (n, 3) in NED, m and m/s; angles are degrees on WGS-84.
+    ``has_fix`` is what the receiver says of itself.
     """
 
     t: Array
@@ -24,12 +25,14 @@ class Fixes:
     height_m: Array
     sigma: Array
     v_n: Array | None = None
+    has_fix: BoolArray | None = None
 
     def refused(self) -> dict[str, BoolArray]:
         """Fixes that are none, by reason."""
         lat, lon = self.latitude_deg, self.longitude_deg
+        null_island = (lat == 0) & (lon == 0)
         return {
-            "no fix": (lat == 0) & (lon == 0),
+            "no fix": null_island if self.has_fix is None else null_island | ~self.has_fix,
             "latitude or longitude out of range": (np.abs(lat) > 90) | (lon < -180) | (lon > 360),
         }
 
@@ -43,14 +46,9 @@ class Fixes:
         latitude, longitude, own_height = (float(x) for x in geodetic[kept[0]])
         return Origin(latitude, longitude, own_height if height_m is None else height_m)
 
-    def series(
-        self,
-        sensor_name: str,
-        origin: Origin,
-        refused: dict[str, BoolArray] | None = None,
-    ) -> tuple[GnssSeries | None, list[Rejection]]:
-        """The fixes in local NED, cleaned; ``refused`` adds reasons of the format's own."""
-        reasons = {**(refused or {}), **self.refused()}
+    def series(self, sensor_name: str, origin: Origin) -> tuple[GnssSeries | None, list[Rejection]]:
+        """The fixes in local NED, cleaned."""
+        reasons = self.refused()
         # the conversion wants angles in range; what is refused keeps its reason all the same
         bad = np.any([*reasons.values(), ~np.isfinite(self.latitude_deg)], axis=0)
         p_n = ned_from_geodetic(

@@ -1,4 +1,4 @@
-"""Arrays from .npz archives that nobody vouches for."""
+"""Beams and scans from .npz archives that nobody vouches for."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gtsam_nav.errors import DataError
+from gtsam_nav.mission import BeamSeries, Rejection, ScanSeries
+from gtsam_nav.preprocess.cleaning import screen, tidy
 from gtsam_nav.readers._text import MAX_BYTES
 
 # what zipfile and NumPy raise on damaged archives and headers
@@ -32,7 +34,48 @@ _FAULTS = (
 )
 
 
-def read_arrays(path: Path, names: Sequence[str]) -> dict[str, NDArray[Any]]:
+def read_beams(name: str, path: Path) -> tuple[BeamSeries | None, list[Rejection]]:
+    """Beams of an archive with t, angle, intensity and resolution_m."""
+    arrays = _read_arrays(path, ("t", "angle", "intensity", "resolution_m"))
+    t, angle, intensity = (arrays[k] for k in ("t", "angle", "intensity"))
+    if t.ndim != 1 or angle.shape != t.shape or intensity.ndim != 2 or len(intensity) != len(t):
+        raise DataError(
+            f"t {t.shape}, angle {angle.shape} and intensity {intensity.shape} "
+            "do not fit; needed are (n,), (n,) and (n, bins)",
+            path,
+        )
+    if intensity.dtype != np.uint8:
+        raise DataError(f"intensity holds {intensity.dtype}; uint8 is needed", path)
+    resolution = arrays["resolution_m"]
+    if resolution.size != 1 or not (np.isfinite(resolution) & (resolution > 0)).all():
+        raise DataError("resolution_m must be one positive number", path)
+    columns = {"t": t.astype(float), "angle": angle.astype(float), "intensity": intensity}
+    return tidy(BeamSeries, name, columns, resolution_m=float(resolution.reshape(())))
+
+
+def read_scans(name: str, path: Path) -> tuple[ScanSeries | None, list[Rejection]]:
+    """Scans of an archive with t, first and points; one with a point that is not finite is none."""
+    arrays = _read_arrays(path, ("t", "first", "points"))
+    t, points = arrays["t"].astype(float), arrays["points"].astype(float)
+    first = arrays["first"].astype(np.int64)
+    if t.ndim != 1 or first.shape != (len(t) + 1,) or first[0] != 0 or np.any(np.diff(first) < 0):
+        raise DataError("first must hold one rising offset a scan, from 0, and a last one", path)
+    if points.ndim != 2 or points.shape[1] not in (2, 3) or len(points) != first[-1]:
+        raise DataError(
+            f"points has shape {points.shape}; ({first[-1]}, 2 or 3) is needed, as first says", path
+        )
+    finite = np.all(np.isfinite(points), axis=1)
+    bad = np.diff(np.concatenate([[0], np.cumsum(~finite)])[first]) > 0
+    kept, rejections = screen(ScanSeries, name, {"t": t}, refused={"non-finite points": bad})
+    if not len(kept):
+        return None, rejections
+    sizes = np.diff(first)[kept]
+    picked = np.concatenate([points[first[k] : first[k + 1]] for k in kept])
+    offsets = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+    return ScanSeries(t=t[kept], row=kept, first=offsets, points_b=picked), rejections
+
+
+def _read_arrays(path: Path, names: Sequence[str]) -> dict[str, NDArray[Any]]:
     """The named arrays of an archive; each must hold finite or NaN numbers.
 
     Raises

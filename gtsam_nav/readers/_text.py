@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +14,12 @@ import numpy as np
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array
 
-MAX_BYTES = 4 * 1024**3
+MAX_BYTES = 1024**3
 """Most that a file may hold once it is decompressed."""
+
+CHUNK_BYTES = 1_000_000
+MAX_PIECE_BYTES = 4_000_000
+"""What is read, and at most decompressed, at a time."""
 
 GZIP_MAGIC = b"\x1f\x8b"
 
@@ -37,8 +43,14 @@ class Rows:
     cut_stamp: float | None = None
 
 
-def read_bytes(path: Path) -> bytes:
-    """The contents of a file, decompressed where it is gzipped.
+def read_chunks(path: Path) -> Iterator[tuple[bytes, float]]:
+    """The contents of a file piece by piece, decompressed where it is gzipped.
+
+    Yields
+    ------
+    chunk : bytes
+    fraction : float
+        How much of the file has been read.
 
     Raises
     ------
@@ -46,36 +58,46 @@ def read_bytes(path: Path) -> bytes:
         Where the file is missing, unreadable, not whole or absurdly large.
     """
     try:
-        data = path.read_bytes()
+        size = max(path.stat().st_size, 1)
+        with path.open("rb") as stream:
+            raw = iter(partial(stream.read, CHUNK_BYTES), b"")
+            first = next(raw, b"")
+            pieces = chain([first], raw)
+            contents = _gunzip(pieces, path) if first.startswith(GZIP_MAGIC) else pieces
+            total = 0
+            for chunk in contents:
+                total += len(chunk)
+                if total > MAX_BYTES:
+                    raise DataError(f"holds more than {MAX_BYTES} bytes", path)
+                yield chunk, min(stream.tell() / size, 1.0)
     except FileNotFoundError as error:
         raise DataError("no such file", path) from error
-    except (OSError, ValueError) as error:
+    except OSError as error:
         raise DataError(f"cannot be read: {error}", path) from error
-    return _gunzip(data, path) if data.startswith(GZIP_MAGIC) else data
 
 
-def _gunzip(data: bytes, path: Path) -> bytes:
-    parts: list[bytes] = []
-    room = MAX_BYTES
-    while data.startswith(GZIP_MAGIC):
-        member = zlib.decompressobj(wbits=31)
-        try:
-            parts.append(member.decompress(data, room))
-        except zlib.error as error:
-            raise DataError(f"the gzip archive is damaged: {error}", path) from error
-        room -= len(parts[-1])
-        if room <= 0:
-            raise DataError(f"more than {MAX_BYTES} bytes after decompression", path)
-        if not member.eof:
-            raise DataError("the gzip archive is cut off", path)
-        data = member.unused_data
-    return parts[0] if len(parts) == 1 else b"".join(parts)
+def _gunzip(pieces: Iterable[bytes], path: Path) -> Iterator[bytes]:
+    member = zlib.decompressobj(wbits=31)
+    for piece in pieces:
+        compressed = piece
+        while compressed:
+            if member.eof:  # an archive may hold several members, and padding behind the last
+                if not compressed.strip(b"\0"):
+                    break
+                member = zlib.decompressobj(wbits=31)
+            try:
+                yield member.decompress(compressed, MAX_PIECE_BYTES)
+            except zlib.error as error:
+                raise DataError(f"the gzip archive is damaged: {error}", path) from error
+            compressed = member.unused_data if member.eof else member.unconsumed_tail
+    if not member.eof:
+        raise DataError("the gzip archive is cut off", path)
 
 
 def read_lines(path: Path, encoding: str = "utf-8-sig") -> list[str]:
     """The lines of a text file; the last is empty where the file ends with a line break."""
     try:
-        text = read_bytes(path).decode(encoding)
+        text = b"".join(chunk for chunk, _ in read_chunks(path)).decode(encoding)
     except UnicodeDecodeError as error:
         raise DataError(f"is not {encoding.removesuffix('-sig')} text: {error}", path) from error
     return text.replace("\r\n", "\n").split("\n")

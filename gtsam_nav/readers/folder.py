@@ -23,7 +23,8 @@ first fix of a file with latitudes is taken, and a warning says so.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -34,12 +35,11 @@ from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, Origin
 from gtsam_nav.mission import (
     SERIES_TYPES,
-    BeamSeries,
+    BoolArray,
     CloudSeries,
     LandmarkMap,
     Mission,
     Rejection,
-    ScanSeries,
     Sensor,
     Series,
 )
@@ -55,7 +55,7 @@ from gtsam_nav.readers._mission_yaml import (
     file_inside,
 )
 from gtsam_nav.readers._mounting import body_heading, body_tilt
-from gtsam_nav.readers._npz import read_arrays
+from gtsam_nav.readers._npz import read_beams, read_scans
 from gtsam_nav.readers._table import Table, read_named_files, read_table, truncation
 from gtsam_nav.readers.layout import GEODETIC_COLUMNS, LAYOUTS, NED_COLUMNS, Field
 from gtsam_nav.sensors.noise import NOISE_MODELS
@@ -97,12 +97,13 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
         warnings=tuple(reading.warnings),
         sources=(path / MISSION_FILE, *reading.sources),
     )
-    return on_mission_time(mission)
+    offsets = {name: entry.time_offset_s for name, entry in described.sensors.items()}
+    return on_mission_time(mission, offsets)
 
 
 @dataclass
 class _Reading:
-    """What has been read so far; stamps are those of the files plus their offsets."""
+    """What has been read so far; stamps are those of the files."""
 
     folder: Path
     origin: Origin | None
@@ -120,8 +121,7 @@ class _Reading:
             self.landmark_map = self._landmark_map(path)
             return
         series, rejections = self._series(name, entry, path)
-        offset = entry.time_offset_s
-        self.rejections += [replace(r, t=r.t + offset) for r in rejections]
+        self.rejections += rejections
         if series is None:
             self.warnings.append(
                 f"sensor '{name}' is left out: {entry.file} holds no valid sample "
@@ -132,7 +132,7 @@ class _Reading:
         self.sensors[name] = Sensor(
             name=name,
             type=entry.type,
-            series=series.shift(offset) if offset else series,
+            series=series,
             xyz_b=entry.xyz_b,
             R_bs=np.eye(3) if turned else entry.R_bs,
             noise=entry.noise,
@@ -141,9 +141,9 @@ class _Reading:
 
     def _series(self, name: str, entry: SensorEntry, path: Path) -> Cleaned:
         if entry.type == "beams":
-            return _beams(name, path)
+            return read_beams(name, path)
         if entry.type == "scans":
-            return _scans(name, path)
+            return read_scans(name, path)
         if entry.type == "clouds":
             return self._clouds(name, path)
         return self._numbers(name, entry, path)
@@ -173,6 +173,7 @@ class _Reading:
             SERIES_TYPES[entry.type],
             name,
             columns,
+            refused=_not_whole(layout, columns),
             max_speed_m_s=getattr(noise, "max_speed_m_s", np.inf),
             **constants,
         )
@@ -222,6 +223,7 @@ class _Reading:
         if not len(kept):
             return None, rejections
         picked = tuple(files[k] for k in kept)
+        self.sources += picked
         return CloudSeries(t=stamps[kept], row=kept, files=picked), rejections
 
     def _landmark_map(self, path: Path) -> LandmarkMap:
@@ -239,6 +241,16 @@ class _Reading:
         if len(np.unique(whole.id)) < len(whole.id):
             raise DataError("a landmark's id is given twice", path)
         return whole
+
+
+def _not_whole(layout: tuple[Field, ...], columns: Mapping[str, Array]) -> dict[str, BoolArray]:
+    """Samples with a fraction where a whole number belongs, by reason."""
+    return {
+        f"fractional {spec.series}": np.isfinite(columns[spec.series])
+        & (columns[spec.series] != np.floor(columns[spec.series]))
+        for spec in layout
+        if spec.integer
+    }
 
 
 def _values(spec: Field, table: Table, noise: Any) -> Array | None:
@@ -261,42 +273,3 @@ def _values(spec: Field, table: Table, noise: Any) -> Array | None:
         return None
     values = values if len(names) > 1 else values[:, 0]
     return np.radians(values) if spec.degrees else values
-
-
-def _beams(name: str, path: Path) -> Cleaned:
-    arrays = read_arrays(path, ("t", "angle", "intensity", "resolution_m"))
-    t, angle, intensity = (arrays[k] for k in ("t", "angle", "intensity"))
-    if t.ndim != 1 or angle.shape != t.shape or intensity.ndim != 2 or len(intensity) != len(t):
-        raise DataError(
-            f"t {t.shape}, angle {angle.shape} and intensity {intensity.shape} "
-            "do not fit; needed are (n,), (n,) and (n, bins)",
-            path,
-        )
-    if intensity.dtype != np.uint8:
-        raise DataError(f"intensity holds {intensity.dtype}; uint8 is needed", path)
-    resolution = arrays["resolution_m"]
-    if resolution.size != 1 or not (np.isfinite(resolution) & (resolution > 0)).all():
-        raise DataError("resolution_m must be one positive number", path)
-    columns = {"t": t.astype(float), "angle": angle.astype(float), "intensity": intensity}
-    return tidy(BeamSeries, name, columns, resolution_m=float(resolution.reshape(())))
-
-
-def _scans(name: str, path: Path) -> Cleaned:
-    arrays = read_arrays(path, ("t", "first", "points"))
-    t, points = arrays["t"].astype(float), arrays["points"].astype(float)
-    first = arrays["first"].astype(np.int64)
-    if t.ndim != 1 or first.shape != (len(t) + 1,) or first[0] != 0 or np.any(np.diff(first) < 0):
-        raise DataError("first must hold one rising offset a scan, from 0, and a last one", path)
-    if points.ndim != 2 or points.shape[1] not in (2, 3) or len(points) != first[-1]:
-        raise DataError(
-            f"points has shape {points.shape}; ({first[-1]}, 2 or 3) is needed, as first says", path
-        )
-    finite = np.all(np.isfinite(points), axis=1)
-    bad = np.diff(np.concatenate([[0], np.cumsum(~finite)])[first]) > 0
-    kept, rejections = screen(ScanSeries, name, {"t": t}, refused={"non-finite points": bad})
-    if not len(kept):
-        return None, rejections
-    sizes = np.diff(first)[kept]
-    picked = np.concatenate([points[first[k] : first[k + 1]] for k in kept])
-    offsets = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-    return ScanSeries(t=t[kept], row=kept, first=offsets, points_b=picked), rejections

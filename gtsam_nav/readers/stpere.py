@@ -104,14 +104,13 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
     sensors: dict[str, Sensor] = {}
     rejections: list[Rejection] = []
     for name, series, dropped in read_series:
-        offset = card.sensors[name].time_offset_s
-        rejections += [replace(r, t=r.t + offset) for r in dropped]
+        rejections += dropped
         if series is None:
             warnings.append(
                 f"sensor '{name}' is left out: no valid sample ({len(dropped)} dropped)"
             )
             continue
-        sensor = _mounted(name, series.shift(offset) if offset else series, card)
+        sensor = _mounted(name, series, card)
         sensors[name] = replace(sensor, simulated=simulated and name == "sonar")
     mission = Mission(
         name=card.name,
@@ -122,7 +121,8 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
         warnings=tuple(warnings),
         sources=tuple(log for log in (dvl, mti, dgps, sonar) if log is not None),
     )
-    return on_mission_time(mission)
+    offsets = {name: entry.time_offset_s for name, entry in card.sensors.items()}
+    return on_mission_time(mission, offsets)
 
 
 def _with_suffix(folder: Path, suffix: str) -> list[Path]:
@@ -254,17 +254,18 @@ def _read_dgps(path: Path, card: Card) -> tuple[Cleaned, Origin | None]:
     c = dict(zip(DGPS_COLUMNS, rows.values.T, strict=True))
     noise = GnssNoise.model_validate(card.sensors["gnss"].noise)
     horizontal, vertical = noise.sigma_horizontal_m, noise.sigma_vertical_m
-    no_fix = ~((c["status"] == 1) | (c["status"] == 2))
     fixes = Fixes(
         t=c["t"],
-        latitude_deg=np.where(no_fix, 0.0, _degrees(c["latitude"])),
-        longitude_deg=np.where(no_fix, 0.0, _degrees(c["longitude"])),
+        latitude_deg=_degrees(c["latitude"]),
+        longitude_deg=_degrees(c["longitude"]),
         height_m=c["altitude"],
-        sigma=np.tile([horizontal, horizontal, vertical], (len(no_fix), 1)),
+        sigma=np.tile([horizontal, horizontal, vertical], (len(c["t"]), 1)),
+        # 1 is GPS, 2 DGPS by the log's legend
+        has_fix=(c["status"] == 1) | (c["status"] == 2),
     )
     origin = fixes.first_usable(card.origin.height_m)
     series, rejections = fixes.series("gnss", origin or Origin(0.0, 0.0))
-    rejections += truncation("gnss", len(no_fix), rows.cut_stamp)
+    rejections += truncation("gnss", len(c["t"]), rows.cut_stamp)
     return ("gnss", series, rejections), origin
 
 

@@ -112,7 +112,7 @@ def _thresholds(intensity: NDArray[np.uint8], settings: SegmentationSettings) ->
     sample = intensity[:: max(1, len(intensity) // FLOOR_BEAMS)]
     floor, upper = np.percentile(sample, [50.0, 84.1], axis=0)
     raised = floor + settings.threshold_sigmas * np.maximum(upper - floor, 1.0)
-    return np.clip(raised, settings.min_intensity, settings.max_threshold)
+    return np.asarray(np.clip(raised, settings.min_intensity, settings.max_threshold))
 
 
 def _polar_covariance(range_m: Array, ray: Array, noise: SonarNoise) -> Array:

@@ -53,16 +53,18 @@ def write_mission(mission: Mission, folder: Path | str) -> None:
     OutputError
         Where the place cannot be written, or holds anything else.
     """
-    target = Path(folder)
+    target = Path(folder).resolve()
     if not _replaceable(target):
         raise OutputError(f"{target} exists and is no mission folder; choose another place")
     partial = target.with_name(f".{target.name}.{os.getpid()}.partial")
+    retired = target.with_name(f".{target.name}.{os.getpid()}.old")
     try:
         partial.mkdir(parents=True)
         _write_files(mission, partial)
         if target.exists():
-            shutil.rmtree(target)
+            target.rename(retired)
         partial.rename(target)
+        shutil.rmtree(retired, ignore_errors=True)
     except OSError as error:
         raise OutputError(f"{target}: the mission cannot be written: {error}") from error
     finally:
@@ -133,7 +135,7 @@ def _entry(sensor: Sensor, file_name: str) -> dict[str, Any]:
     if np.any(rpy_deg):
         entry["rpy_deg"] = [float(x) for x in rpy_deg]
     if sensor.noise:
-        entry["noise"] = dict(sensor.noise)
+        entry["noise"] = {figure: float(value) for figure, value in sensor.noise.items()}
     if sensor.simulated:
         entry["simulated"] = True
     if isinstance(sensor.series, ReferenceSeries) and not sensor.series.vertical_usable:

@@ -12,7 +12,7 @@ from gtsam_nav.frames import Array, Origin, geodetic_from_ned
 from gtsam_nav.solution import SonarMap
 from gtsam_nav.writers.frame import Frame, express_points
 
-LEAST_PIXEL_M = 0.1
+LEAST_PIXEL_M = 0.2
 MOST_PIXELS = 4000
 """Along a side; a larger map gets larger pixels."""
 
@@ -87,9 +87,9 @@ def write_map_image(sonar_map: SonarMap, origin: Origin | None, path: Path) -> N
 
 
 def _ink(density: Array) -> NDArray[np.uint8]:
-    """White where nothing fell, black where the most did; half-grey at the median."""
+    """White where nothing fell, darker the more did; a quarter of white is left at the median."""
     median = float(np.median(density[density > 0])) if np.any(density > 0) else 1.0
-    return np.asarray(255.0 * 0.5 ** (density / median)).astype(np.uint8)
+    return np.asarray(255.0 * 0.25 ** (density / median)).astype(np.uint8)
 
 
 def _world_file(corner_ne: Array, pixel_m: float, origin: Origin | None) -> str:

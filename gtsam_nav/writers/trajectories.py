@@ -43,7 +43,7 @@ def read_tum(path: Path) -> Trajectory:
     """
     try:
         lines = [line for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
-        values = np.loadtxt(lines, ndmin=2)
+        values = np.loadtxt(lines, ndmin=2) if lines else np.empty((0, 8))
     except (OSError, ValueError) as error:
         raise DataError(f"not a TUM trajectory: {error}", path) from error
     if not len(values) or values.shape[1] != 8:

@@ -67,7 +67,7 @@ def heading_errors(solutions: Sequence[Solution]) -> Figure | None:
         trajectory = solution.trajectory
         t, error = broken(*baseline.less(trajectory.t, trajectory.rpy[:, 2]))
         ax.plot(
-            t, error, color=method_colour(solution.method), linewidth=1.0, label=solution.method
+            t, error, color=method_colour(solution.method), linewidth=0.9, label=solution.method
         )
     ax.axhline(0.0, color=MUTED, linewidth=0.6)
     label(ax, "mission time (s)", f"heading less {baseline.name}'s (deg)")

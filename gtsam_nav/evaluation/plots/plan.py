@@ -24,6 +24,7 @@ from gtsam_nav.evaluation.plots.style import (
     new_figure,
 )
 from gtsam_nav.frames import Array
+from gtsam_nav.mission import GnssSeries
 from gtsam_nav.solution import Solution
 
 if TYPE_CHECKING:
@@ -34,6 +35,7 @@ WIDTH_IN = 9.5
 MOST_ECHOES = 60_000
 """Drawn at most; more only make the file larger."""
 ECHO = "#93a3b1"
+FIX = "#8a4fbf"
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,7 @@ def plan_view(solutions: Sequence[Solution]) -> Figure:
     looped = next((track for track in tracks if track.solution.loops), None)
     if looped is not None:
         _draw_loops(ax, looped)
+    _draw_fixes(ax, chosen)
     if truth:
         _draw_path(ax, truth.t, truth.p_n, "reference", REFERENCE, 1.0)
     for track in sorted(tracks, key=lambda track: track.solution is chosen):
@@ -133,6 +136,16 @@ def _size_in(north_m: float, east_m: float) -> tuple[float, float]:
     if north_m > east_m:
         return float(np.clip(2.2 + 8.0 * east_m / north_m, 5.5, WIDTH_IN)), 8.5
     return WIDTH_IN, float(np.clip(0.8 + (WIDTH_IN - 0.7) * north_m / east_m, 4.0, 9.0))
+
+
+def _draw_fixes(ax: Axes, solution: Solution) -> None:
+    """The GNSS fixes that the solution had."""
+    fixes = [
+        s.series.p_n for s in solution.mission.of_type("gnss") if isinstance(s.series, GnssSeries)
+    ]
+    if fixes and solution.gnss_used:
+        n, e, _ = np.concatenate(fixes).T
+        ax.plot(e, n, ".", markersize=4, color=FIX, alpha=0.6, label="GNSS used")
 
 
 def _draw_loops(ax: Axes, track: _Track) -> None:

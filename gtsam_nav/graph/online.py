@@ -1,0 +1,116 @@
+"""The causal pass: iSAM2 takes the mission in as it was measured, scan matches included."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from gtsam_nav.config import Config
+from gtsam_nav.frames import Array
+from gtsam_nav.graph import factors
+from gtsam_nav.graph.backend import Backend, planar_pose
+from gtsam_nav.graph.factors import X
+from gtsam_nav.graph.problem import Problem, SensorFactor
+from gtsam_nav.graph.scan_matching import (
+    PlanarPose,
+    ScanMatch,
+    loop_candidates,
+    match_scans,
+    relative_pose,
+)
+from gtsam_nav.mission import IntArray
+from gtsam_nav.solution import Progress
+from gtsam_nav.sonar.scans import Scan
+
+SCAN_MATCH = "sonar"
+
+
+@dataclass
+class OnlinePass:
+    """Outcome of the causal pass.
+
+    Attributes
+    ----------
+    backend : Backend
+        Holds all factors, scan matches included.
+    states, covariances : lists
+        Of each keyframe when it entered.
+    matches : list of ScanMatch
+        Every registration, by scan index.
+    """
+
+    backend: Backend
+    states: list[Any] = field(default_factory=list)
+    covariances: list[Array] = field(default_factory=list)
+    matches: list[ScanMatch] = field(default_factory=list)
+
+
+def run_online(
+    problem: Problem,
+    scans: list[Scan],
+    scan_keyframe: IntArray,
+    config: Config,
+    progress: Progress,
+) -> OnlinePass:
+    """Feed the keyframes to iSAM2, several at a time, and match the scans as they come.
+
+    Parameters
+    ----------
+    scans : list of Scan
+    scan_keyframe : ndarray of int
+        Keyframe of each scan.
+    """
+    done = OnlinePass(Backend(problem))
+    poses: list[PlanarPose] = []
+    step = config.graph.keyframes_per_update
+    for begin in range(0, len(problem.t), step):
+        end = min(begin + step, len(problem.t))
+        for k in range(begin, end):
+            done.backend.add_keyframe(k)
+        done.backend.update()
+        for k in range(begin, end):
+            done.states.append(done.backend.state(k))
+            done.covariances.append(done.backend.covariance(k))
+        for s in np.flatnonzero((scan_keyframe >= begin) & (scan_keyframe < end)).tolist():
+            k = int(scan_keyframe[s])
+            poses.append(planar_pose(done.states[k], done.covariances[k]))
+            _match_scan(done, s, scans, scan_keyframe, poses, config)
+        progress("iSAM2", end / len(problem.t))
+    done.backend.update()
+    return done
+
+
+def _match_scan(
+    done: OnlinePass,
+    new: int,
+    scans: list[Scan],
+    scan_keyframe: IntArray,
+    poses: list[PlanarPose],
+    config: Config,
+) -> None:
+    """Register a new scan to the one before and to what it may revisit."""
+    settings = config.graph.loops
+    if len(scans[new]) < config.sonar.scans.min_points:
+        return
+    t_scans = np.array([scan.t_ref for scan in scans[: new + 1]])
+    chosen = [(new - 1, False)] if new else []
+    chosen += [(old, True) for old in loop_candidates(new, poses, t_scans, settings)]
+    for old, is_loop in chosen:
+        if len(scans[old]) < config.sonar.scans.min_points:
+            continue
+        a, b = int(scan_keyframe[old]), int(scan_keyframe[new])
+        prior = relative_pose(
+            _current(done.backend, a), poses[new], done.backend.joint_planar_covariance(a, b)
+        )
+        found = match_scans(old, new, scans, prior, config.pic, settings.gate_probability, is_loop)
+        done.matches.append(found)
+        if found.accepted:
+            q, cov = found.match.q, found.match.cov
+            factor = factors.planar_match(X(a), X(b), q, cov, settings.cauchy_k)
+            done.backend.add_factor(SensorFactor(SCAN_MATCH, factor))
+
+
+def _current(backend: Backend, k: int) -> PlanarPose:
+    return planar_pose(backend.peek(k), np.eye(9))

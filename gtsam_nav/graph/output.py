@@ -1,0 +1,182 @@
+"""From the graph's values to trajectory, uncertainty, slow states, loops and map."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gtsam
+import numpy as np
+
+from gtsam_nav.frames import (
+    Array,
+    quaternion_from_rotation,
+    rotation_from_rpy,
+    wrap_angle,
+)
+from gtsam_nav.graph.factors import B, M, X
+from gtsam_nav.graph.problem import Problem
+from gtsam_nav.graph.refinement import Refined
+from gtsam_nav.graph.scan_matching import ScanMatch
+from gtsam_nav.mission import IntArray
+from gtsam_nav.solution import LoopClosure, PoseGraph, PoseGraphEdge, SlowStates
+from gtsam_nav.trajectory import Trajectory
+
+
+def marginal_covariances(graph: Any, values: Any, keys: list[int]) -> list[Array]:
+    """Marginal covariance of each variable in its tangent space."""
+    marginals = gtsam.Marginals(graph, values)
+    return [np.asarray(marginals.marginalCovariance(key)) for key in keys]
+
+
+def with_sonar_information(
+    covariances: list[Array], keys: list[int], refined: Refined
+) -> list[Array]:
+    """Covariances after the sonar's information on the planar knots has been added.
+
+    ``P - C W C'`` with C the cross covariance of a variable with the planar poses and
+    ``W = A - A (P_p^-1 + A)^-1 A`` for the sonar's information A.
+    """
+    posterior, A = refined.posterior, refined.planar_information
+    total = np.linalg.inv(posterior.planar_cov) + A
+    W = A - A @ np.linalg.solve(total, A)
+    updated = []
+    for key, cov in zip(keys, covariances, strict=True):
+        C = posterior.cross[posterior.columns(key)]
+        lessened = cov - C @ (0.5 * (W + W.T)) @ C.T
+        updated.append(0.5 * (lessened + lessened.T))
+    return updated
+
+
+def keyframe_trajectory(t: Array, states: list[Any], covariances: list[Array]) -> Trajectory:
+    """NavStates and their tangent covariances as a trajectory."""
+    R_nb = np.array([s.attitude().matrix() for s in states])
+    cov = np.array(covariances)
+    to_n = np.zeros((len(t), 6, 9))
+    to_n[:, :3, 3:6] = R_nb
+    to_n[:, 3:, :3] = R_nb
+    cov_v = R_nb @ cov[:, 6:, 6:] @ np.swapaxes(R_nb, 1, 2)
+    return Trajectory(
+        t=t,
+        p_n=np.array([s.position() for s in states]),
+        q_nb_wxyz=quaternion_from_rotation(R_nb),
+        v_n=np.array([s.velocity() for s in states]),
+        cov_pose_n=to_n @ cov @ np.swapaxes(to_n, 1, 2),
+        sigma_v_n=np.sqrt(np.maximum(np.diagonal(cov_v, axis1=1, axis2=2), 0.0)),
+        keyframe=np.ones(len(t), dtype=bool),
+    )
+
+
+def dense_trajectory(problem: Problem, keyframes: Trajectory) -> Trajectory:
+    """The vehicle's own motion, corrected linearly in time between keyframes."""
+    motion = problem.motion
+    inside = (motion.t >= keyframes.t[0]) & (motion.t <= keyframes.t[-1])
+    near = np.abs(
+        keyframes.t[np.clip(np.searchsorted(keyframes.t, motion.t), 0, len(keyframes) - 1)]
+        - motion.t
+    )
+    t = np.unique(np.concatenate([motion.t[inside & (near > 1e-6)], keyframes.t]))
+    p_n, rpy = motion.at(t)
+    v_b = np.stack([np.interp(t, motion.t, axis) for axis in motion.v_b.T], axis=1)
+    p_key, rpy_key = motion.at(keyframes.t)
+    rpy_gap = wrap_angle(keyframes.rpy - rpy_key)
+    v_key = np.stack([np.interp(keyframes.t, motion.t, axis) for axis in motion.v_b.T], axis=1)
+    assert keyframes.v_n is not None
+    assert keyframes.cov_pose_n is not None
+    assert keyframes.sigma_v_n is not None
+    v_gap = keyframes.v_n - np.einsum("nij,nj->ni", keyframes.R_nb, v_key)
+    R_nb = rotation_from_rpy(rpy + _between(t, keyframes.t, rpy_gap))
+    return Trajectory(
+        t=t,
+        p_n=p_n + _between(t, keyframes.t, keyframes.p_n - p_key),
+        q_nb_wxyz=quaternion_from_rotation(R_nb),
+        v_n=np.einsum("nij,nj->ni", R_nb, v_b) + _between(t, keyframes.t, v_gap),
+        cov_pose_n=_between(t, keyframes.t, keyframes.cov_pose_n.reshape(-1, 36)).reshape(-1, 6, 6),
+        sigma_v_n=_between(t, keyframes.t, keyframes.sigma_v_n),
+        keyframe=np.isin(t, keyframes.t),
+    )
+
+
+def _between(t: Array, t_key: Array, values: Array) -> Array:
+    return np.stack([np.interp(t, t_key, column) for column in values.T], axis=1)
+
+
+def slow_states(problem: Problem, values: Any, covariances: dict[int, Array]) -> SlowStates:
+    """Heading bias and IMU biases at each keyframe with their sigmas."""
+    columns: dict[str, tuple[Array, Array]] = {}
+    index = range(len(problem.t))
+    if problem.has_compass:
+        # the compass frame's yaw is what must be added to the reading
+        yaw = np.array([values.atNavState(M(k)).attitude().yaw() for k in index])
+        sigma = np.sqrt([covariances[M(k)][2, 2] for k in index])
+        columns["heading_bias_rad"] = (-yaw, sigma)
+    if problem.uses_imu:
+        vectors = np.array([values.atConstantBias(B(k)).vector() for k in index])
+        sigmas = np.sqrt([np.diag(covariances[B(k)]) for k in index])
+        names = [f"accel_{a}_m_s2" for a in "xyz"] + [f"gyro_{a}_rad_s" for a in "xyz"]
+        for c, name in enumerate(names):
+            columns[name] = (vectors[:, c], sigmas[:, c])
+    return SlowStates(problem.t, columns)
+
+
+def loop_closures(
+    matches: list[ScanMatch], t_scans: Array, scan_keyframe: IntArray, values: Any, cauchy_k: float
+) -> tuple[LoopClosure, ...]:
+    """Every candidate with its verdict; accepted ones with their weight at given values."""
+    closures = []
+    for m in matches:
+        if not m.is_loop:
+            continue
+        weight = _weight(m, scan_keyframe, values, cauchy_k) if m.accepted else None
+        sigma = np.sqrt(np.diag(m.match.cov))
+        closures.append(
+            LoopClosure(
+                t_a=float(t_scans[m.a]),
+                t_b=float(t_scans[m.b]),
+                dx_m=float(m.match.q[0]),
+                dy_m=float(m.match.q[1]),
+                dyaw=float(m.match.q[2]),
+                sigma_x_m=float(sigma[0]),
+                sigma_y_m=float(sigma[1]),
+                sigma_yaw=float(sigma[2]),
+                score=m.match.overlap,
+                verdict="accepted" if m.accepted else "rejected",
+                reason=m.reason,
+                weight=weight,
+            )
+        )
+    return tuple(closures)
+
+
+def _weight(m: ScanMatch, scan_keyframe: IntArray, values: Any, cauchy_k: float) -> float:
+    a, b = (values.atNavState(X(int(scan_keyframe[s]))) for s in (m.a, m.b))
+    p_ab = a.attitude().matrix().T @ (b.position() - a.position())
+    yaw = wrap_angle(b.attitude().yaw() - a.attitude().yaw())
+    e = m.match.q - np.array([p_ab[0], p_ab[1], yaw])
+    e[2] = wrap_angle(e[2])
+    return float(1.0 / (1.0 + e @ np.linalg.solve(m.match.cov, e) / cauchy_k**2))
+
+
+def pose_graph(
+    problem: Problem, keyframes: Trajectory, matches: list[ScanMatch], scan_keyframe: IntArray
+) -> PoseGraph:
+    """Keyframes, the motion between them and the accepted scan matches, for export."""
+    edges = []
+    for k in range(1, len(problem.t)):
+        dt = float(problem.t[k] - problem.t[k - 1])
+        R_ab, p_a = problem.increment(k - 1, k)
+        yaw_variance = problem.motion.yaw_variance_rad2_s * dt
+        position_variance = problem.motion.position_variance_m2_s * dt
+        information = np.diag(1.0 / np.array([yaw_variance] * 3 + [position_variance] * 3))
+        edges.append(PoseGraphEdge(k - 1, k, R_ab, p_a, information))
+    edges += [_match_edge(m, scan_keyframe) for m in matches if m.accepted]
+    return PoseGraph(keyframes.t, keyframes.p_n, keyframes.q_nb_wxyz, tuple(edges))
+
+
+def _match_edge(m: ScanMatch, scan_keyframe: IntArray) -> PoseGraphEdge:
+    """A planar match as a spatial edge; what it does not know gets a vanishing information."""
+    information = 1e-6 * np.eye(6)
+    planar = [3, 4, 2]
+    information[np.ix_(planar, planar)] = np.linalg.inv(m.match.cov)
+    a, b = int(scan_keyframe[m.a]), int(scan_keyframe[m.b])
+    R_ab = rotation_from_rpy([0.0, 0.0, m.match.q[2]])
+    return PoseGraphEdge(a, b, R_ab, np.array([m.match.q[0], m.match.q[1], 0.0]), information)

@@ -1,0 +1,37 @@
+"""What all tests share: profiles of hypothesis, and the recorded missions."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, settings
+
+# derandomised: a test that passes here passes everywhere
+settings.register_profile(
+    "repeatable",
+    derandomize=True,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+settings.load_profile("repeatable")
+
+
+@pytest.fixture(scope="session")
+def recorded_data() -> Path:
+    """The folder of recorded missions; a test that asks for it is marked ``realdata``."""
+    default = Path(__file__).parents[2] / "shared" / "data"
+    folder = Path(os.environ.get("GTSAM_NAV_DATA", default))
+    if not folder.is_dir():
+        pytest.skip("no recorded missions; GTSAM_NAV_DATA names their folder")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def stpere_folder(recorded_data: Path) -> Path:
+    """The logs of the St. Pere mission."""
+    folder = recorded_data / "stpere"
+    if not folder.is_dir():
+        pytest.skip("the St. Pere logs are not among the recorded missions")
+    return folder
