@@ -255,7 +255,9 @@ def _heading(report: _Report) -> Html:
     caption = "Heading of each method, and of the compass as it reads."
     figures = [report.figure("heading", plots.heading_errors(report.solutions), caption)]
     for s in report.solutions:
-        caption = f"{s.method}: estimated biases and other slow states, with three sigma."
+        caption = f"{s.method}: estimated compass bias, with three sigma."
+        figures.append(report.figure(f"compass_bias_{s.method}", plots.compass_bias(s), caption))
+        caption = f"{s.method}: other estimated biases, with three sigma."
         figures.append(report.figure(f"slow_states_{s.method}", plots.slow_states(s), caption))
     return _section("Heading and biases", *figures)
 

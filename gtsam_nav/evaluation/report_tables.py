@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -138,15 +139,20 @@ def _consistency(c: Consistency) -> Row:
 
 def rejection_table(solutions: Sequence[Solution]) -> Html:
     """Measurements that were not used, by sensor and reason."""
-    counts = [Counter((r.sensor, r.reason) for r in s.rejections) for s in solutions]
+    counts = [Counter((r.sensor, _kind(r.reason)) for r in s.rejections) for s in solutions]
     kinds = sorted(set().union(*counts))
     rows = [(sensor, reason, *(str(c[sensor, reason]) for c in counts)) for sensor, reason in kinds]
     return table(("sensor", "reason", *(s.method for s in solutions)), rows, names=2)
 
 
+def _kind(reason: str) -> str:
+    """A reason without its figures, so that equal kinds count together."""
+    return re.sub(r"[-+]?\d[\d.,]*", "…", reason)
+
+
 def loop_table(solution: Solution) -> Html:
     """Candidate loops by verdict and reason."""
-    counts = Counter((loop.verdict, loop.reason or DASH) for loop in solution.loops)
+    counts = Counter((loop.verdict, _kind(loop.reason) or DASH) for loop in solution.loops)
     rows = [(verdict, reason, str(n)) for (verdict, reason), n in sorted(counts.items())]
     return table(("verdict", "reason", "loops"), rows, names=2)
 

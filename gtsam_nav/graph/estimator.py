@@ -164,8 +164,10 @@ def _covariances(
     keys = [X(k) for k in index]
     keys += [M(k) for k in index] if problem.has_compass else []
     keys += [B(k) for k in index] if problem.uses_imu else []
-    covariances = marginal_covariances(graph, values, keys)
-    if refined is not None:
+    if refined is None:
+        covariances = marginal_covariances(graph, values, keys)
+    else:  # both parts belong to one linearisation
+        covariances = marginal_covariances(graph, refined.posterior.values, keys)
         covariances = with_sonar_information(covariances, keys, refined)
     return dict(zip(keys, covariances, strict=True))
 

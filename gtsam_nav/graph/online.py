@@ -101,16 +101,14 @@ def _match_scan(
         if len(scans[old]) < config.sonar.scans.min_points:
             continue
         a, b = int(scan_keyframe[old]), int(scan_keyframe[new])
-        prior = relative_pose(
-            _current(done.backend, a), poses[new], done.backend.joint_planar_covariance(a, b)
-        )
+        if is_loop:
+            here = planar_pose(done.backend.peek(a), np.eye(9))
+            prior = relative_pose(here, poses[new], done.backend.joint_planar_covariance(a, b))
+        else:
+            prior = done.backend.problem.planar_increment(a, b)
         found = match_scans(old, new, scans, prior, config.pic, settings.gate_probability, is_loop)
         done.matches.append(found)
         if found.accepted:
             q, cov = found.match.q, found.match.cov
             factor = factors.planar_match(X(a), X(b), q, cov, settings.cauchy_k)
             done.backend.add_factor(SensorFactor(SCAN_MATCH, factor))
-
-
-def _current(backend: Backend, k: int) -> PlanarPose:
-    return planar_pose(backend.peek(k), np.eye(9))

@@ -39,10 +39,11 @@ def with_sonar_information(
     posterior, A = refined.posterior, refined.planar_information
     total = np.linalg.inv(posterior.planar_cov) + A
     W = A - A @ np.linalg.solve(total, A)
+    CW = posterior.cross @ (0.5 * (W + W.T))
     updated = []
     for key, cov in zip(keys, covariances, strict=True):
-        C = posterior.cross[posterior.columns(key)]
-        lessened = cov - C @ (0.5 * (W + W.T)) @ C.T
+        own = posterior.columns[key]
+        lessened = cov - CW[own] @ posterior.cross[own].T
         updated.append(0.5 * (lessened + lessened.T))
     return updated
 

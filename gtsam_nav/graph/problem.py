@@ -13,6 +13,7 @@ from gtsam_nav.frames import Array, rotation_from_rpy, wrap_angle
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import B, G, M, X
 from gtsam_nav.graph.gauss_markov import gauss_markov
+from gtsam_nav.graph.scan_matching import PlanarPose
 from gtsam_nav.mission import DepthSeries, GnssSeries, ImuSeries, IntArray, Mission, Sensor
 from gtsam_nav.preprocess.alignment import Alignment
 from gtsam_nav.preprocess.motion import VehicleMotion
@@ -86,6 +87,18 @@ class Problem:
         p_n, rpy = self.motion.at(self.t[[a, b]])
         R_a, R_b = rotation_from_rpy(rpy)
         return R_a.T @ R_b, R_a.T @ (p_n[1] - p_n[0])
+
+    def planar_increment(self, a: int, b: int) -> PlanarPose:
+        """Keyframe b in keyframe a by the vehicle's own motion, with its uncertainty."""
+        p_n, rpy = self.motion.at(self.t[[a, b]])
+        c, s = np.cos(rpy[0, 2]), np.sin(rpy[0, 2])
+        dt = self.t[b] - self.t[a]
+        position, yaw = (
+            self.motion.position_variance_m2_s * dt,
+            self.motion.yaw_variance_rad2_s * dt,
+        )
+        ne = np.array([[c, s], [-s, c]]) @ (p_n[1] - p_n[0])[:2]
+        return PlanarPose(ne, float(rpy[1, 2] - rpy[0, 2]), np.diag([position, position, yaw]))
 
     def add(self, k: int, sensor: str, factor: Any) -> None:
         """Let keyframe k bring one more factor."""

@@ -28,8 +28,8 @@ class SensorPosterior:
     ----------
     values : gtsam.Values
         Where the graph was linearised.
-    keys, first : list of int, ndarray
-        Its variables in order, and the first column of each.
+    columns : dict of int to slice
+        Where each variable stands in a step.
     mean : ndarray, shape (N,)
         Step of all variables to the sensors' own optimum.
     planar_mean : ndarray, shape (m,)
@@ -40,8 +40,7 @@ class SensorPosterior:
     """
 
     values: Any
-    keys: list[int]
-    first: IntArray
+    columns: dict[int, slice]
     mean: Array
     planar_mean: Array
     cross: Array
@@ -57,16 +56,9 @@ class SensorPosterior:
     def retracted(self, step: Array) -> Any:
         """Values after a step."""
         delta = gtsam.VectorValues()
-        bounds = [*self.first.tolist(), len(step)]
-        for key, begin, end in zip(self.keys, bounds[:-1], bounds[1:], strict=True):
-            delta.insert(key, step[begin:end])
+        for key, own in self.columns.items():
+            delta.insert(key, step[own])
         return self.values.retract(delta)
-
-    def columns(self, key: int) -> slice:
-        """Where a variable stands in the step."""
-        k = self.keys.index(key)
-        end = self.first[k + 1] if k + 1 < len(self.first) else len(self.mean)
-        return slice(int(self.first[k]), int(end))
 
 
 def sensor_posterior(graph: Any, values: Any, keyframes: IntArray) -> SensorPosterior:
@@ -80,18 +72,13 @@ def sensor_posterior(graph: Any, values: Any, keyframes: IntArray) -> SensorPost
     from scipy.sparse import csc_array
     from scipy.sparse.linalg import splu
 
-    keys = sorted(values.keys())
-    widths = np.array(
-        [values.dim_of(key) if hasattr(values, "dim_of") else _width(key) for key in keys]
-    )
-    first = np.concatenate([[0], np.cumsum(widths)])
+    columns = _columns(values)
+    n = max(own.stop for own in columns.values())
     i, j, s = graph.linearize(values).sparseJacobian_()
-    n = int(first[-1])
-    augmented = csc_array(
-        (s, (i.astype(np.int64) - 1, j.astype(np.int64) - 1)), shape=(int(i.max()), n + 1)
-    )
+    entries = (s, (i.astype(np.int64) - 1, j.astype(np.int64) - 1))
+    augmented = csc_array(entries, shape=(int(i.max()), n + 1))
     jacobian, b = augmented[:, :n], augmented[:, [n]].toarray()[:, 0]
-    order = _order_in_time(keys, first)
+    order = _order_in_time(columns)
     H = (jacobian.T @ jacobian).tocsc()[order][:, order]
     try:
         factor = splu(
@@ -101,23 +88,27 @@ def sensor_posterior(graph: Any, values: Any, keyframes: IntArray) -> SensorPost
         raise EstimationError("the sensors do not determine the trajectory") from error
     selection = np.zeros((n, 3 * len(keyframes)))
     for m, k in enumerate(keyframes.tolist()):
-        column = int(first[keys.index(X(k))])
         R_nb = values.atNavState(X(k)).attitude().matrix()
-        selection[column : column + 9, 3 * m : 3 * m + 3] = planar_rows(R_nb).T
+        selection[columns[X(k)], 3 * m : 3 * m + 3] = planar_rows(R_nb).T
     mean, cross = np.empty(n), np.empty_like(selection)
     mean[order] = factor.solve((jacobian.T @ b)[order])
     cross[order] = factor.solve(selection[order])
-    planar_cov = selection.T @ cross
-    return SensorPosterior(
-        values, keys, first[:-1], mean, selection.T @ mean, cross, 0.5 * (planar_cov + planar_cov.T)
-    )
+    planar_mean, planar_cov = selection.T @ mean, selection.T @ cross
+    planar_cov = 0.5 * (planar_cov + planar_cov.T)
+    return SensorPosterior(values, columns, mean, planar_mean, cross, planar_cov)
 
 
-def _width(key: int) -> int:
-    return 6 if chr(gtsam.Symbol(key).chr()) == "b" else 9
+def _columns(values: Any) -> dict[int, slice]:
+    """Columns of each variable, in the order of keys that GTSAM linearises in."""
+    columns, first = {}, 0
+    for key in sorted(values.keys()):
+        width = 6 if chr(gtsam.Symbol(key).chr()) == "b" else 9
+        columns[key] = slice(first, first + width)
+        first += width
+    return columns
 
 
-def _order_in_time(keys: list[int], first: IntArray) -> IntArray:
+def _order_in_time(columns: dict[int, slice]) -> IntArray:
     """Columns with all variables of a keyframe together: the chain's factors then stay narrow."""
-    by_time = sorted(range(len(keys)), key=lambda k: (gtsam.Symbol(keys[k]).index(), keys[k]))
-    return np.concatenate([np.arange(first[k], first[k + 1]) for k in by_time])
+    by_time = sorted(columns, key=lambda key: (gtsam.Symbol(key).index(), key))
+    return np.concatenate([np.arange(columns[key].start, columns[key].stop) for key in by_time])

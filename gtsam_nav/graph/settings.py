@@ -26,7 +26,7 @@ class LoopSettings(Settings):
 
     radius_m: float = Field(default=15.0, gt=0)
     min_separation_s: float = Field(default=60.0, ge=0)
-    max_candidates: int = Field(default=4, ge=1)
+    max_candidates: int = Field(default=2, ge=1)
     gate_probability: float = Field(default=0.999, gt=0, lt=1)
     cauchy_k: float = Field(default=1.5, gt=0)
 
@@ -83,10 +83,10 @@ class GraphSettings(Settings):
         Huber threshold of DVL, heading, attitude and depth residuals.
     """
 
-    keyframe_interval_s: float = Field(default=7.0, gt=0)
+    keyframe_interval_s: float = Field(default=15.0, gt=0)
     scan_interval_s: float = Field(default=2.0, ge=0)
     imu_min_rate_hz: float = Field(default=50.0, gt=0)
-    keyframes_per_update: int = Field(default=4, ge=1)
+    keyframes_per_update: int = Field(default=2, ge=1)
     huber_k: float = Field(default=1.345, gt=0)
     loops: LoopSettings = LoopSettings()
     refinement: RefinementSettings = RefinementSettings()

@@ -12,7 +12,7 @@ import numpy as np
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import BoolArray, Mission, Rejection, Sensor
-from gtsam_nav.preprocess.cleaning import main_stretch
+from gtsam_nav.preprocess.cleaning import CLOCK_JUMP_S, main_stretch
 
 log = logging.getLogger(__name__)
 
@@ -82,7 +82,8 @@ def _one_stretch(mission: Mission) -> Mission:
     warnings = list(mission.warnings)
     for sensor in mission.sensors.values():
         t = sensor.series.t
-        inside = (t >= start) & (t <= stop)
+        # a reference may begin before and end after what it is to judge
+        inside = (t >= start - CLOCK_JUMP_S) & (t <= stop + CLOCK_JUMP_S)
         if np.all(inside):
             kept[sensor.name] = sensor
             continue

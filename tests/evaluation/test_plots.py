@@ -73,15 +73,23 @@ def test_heading_is_held_against_the_reference_or_the_graph(both: list[Solution]
     assert "graph" in figure.axes[0].get_ylabel()
 
 
-def test_compass_bias_comes_first_and_in_degrees(both: list[Solution]) -> None:
-    figure = plots.slow_states(both[1])
+def test_compass_bias_is_in_degrees_before_its_true_error(both: list[Solution]) -> None:
+    figure = plots.compass_bias(both[1])
     assert figure is not None
-    assert [ax.get_ylabel() for ax in figure.axes] == ["heading bias\n(deg)", "gyro z\n(deg/s)"]
+    (ax,) = figure.axes
+    assert ax.get_ylabel() == "heading bias\n(deg)"
+    assert legend(ax) == ["compass", "±3 sigma", "estimate"]
     slow = both[1].slow_states
     assert slow is not None
-    line = next(x for x in figure.axes[0].lines if x.get_label() == "estimate")
+    line = next(x for x in ax.lines if x.get_label() == "estimate")
     expected = np.degrees(slow.columns["heading_bias_rad"][0])
     np.testing.assert_allclose(np.asarray(line.get_ydata()), expected)
+
+
+def test_other_slow_states_have_their_own_panels(both: list[Solution]) -> None:
+    figure = plots.slow_states(both[1])
+    assert figure is not None
+    assert [ax.get_ylabel() for ax in figure.axes] == ["gyro z\n(deg/s)"]
 
 
 def test_timeline_shows_gaps_and_what_was_not_used(both: list[Solution]) -> None:
@@ -105,9 +113,14 @@ def test_spans_end_at_gaps() -> None:
 
 
 def test_lines_break_in_silence() -> None:
-    t, values = broken(np.array([0.0, 1.0, 20.0]), np.array([5.0, 6.0, 7.0]))
-    np.testing.assert_array_equal(t, [0.0, 1.0, np.nan, 20.0])
-    np.testing.assert_array_equal(values, [5.0, 6.0, np.nan, 7.0])
+    t, values = broken(np.array([0.0, 1.0, 2.0, 20.0]), np.array([5.0, 6.0, 7.0, 8.0]))
+    np.testing.assert_array_equal(t, [0.0, 1.0, 2.0, np.nan, 20.0])
+    np.testing.assert_array_equal(values, [5.0, 6.0, 7.0, np.nan, 8.0])
+
+
+def test_lines_of_slow_samples_do_not_break() -> None:
+    t = np.array([0.0, 7.0, 14.0, 21.0])
+    np.testing.assert_array_equal(broken(t)[0], t)
 
 
 def test_figures_without_data_are_none(both: list[Solution]) -> None:
@@ -115,6 +128,7 @@ def test_figures_without_data_are_none(both: list[Solution]) -> None:
     assert plots.position_errors(bare) is None
     assert plots.horizontal_errors([bare]) is None
     assert plots.heading_errors([bare]) is None
+    assert plots.compass_bias(bare) is None
     assert plots.slow_states(bare) is None
     assert plots.loop_verdicts(bare) is None
     assert isinstance(plots.plan_view([bare]), Figure)

@@ -76,8 +76,8 @@ def test_the_page_needs_nothing_else(page: Page) -> None:
 def test_the_figures_stand_beside_the_page(written: Path) -> None:
     assert {path.name for path in (written / "plots").iterdir()} == {
         "plan_view.png", "horizontal_errors.png", "position_errors_dr.png",
-        "position_errors_graph.png", "heading.png", "slow_states_graph.png", "loops_graph.png",
-        "sensor_timeline.png",
+        "position_errors_graph.png", "heading.png", "compass_bias_graph.png",
+        "slow_states_graph.png", "loops_graph.png", "sensor_timeline.png",
     }  # fmt: skip
 
 

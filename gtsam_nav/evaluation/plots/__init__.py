@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from gtsam_nav.evaluation.plots.errors import horizontal_errors, position_errors
-from gtsam_nav.evaluation.plots.heading import heading_errors, slow_states
+from gtsam_nav.evaluation.plots.heading import compass_bias, heading_errors, slow_states
 from gtsam_nav.evaluation.plots.loops import loop_verdicts
 from gtsam_nav.evaluation.plots.plan import plan_view
 from gtsam_nav.evaluation.plots.style import save_png
 from gtsam_nav.evaluation.plots.timeline import sensor_timeline
 
 __all__ = [
+    "compass_bias",
     "heading_errors",
     "horizontal_errors",
     "loop_verdicts",

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COMPASS = "#aab4be"
+COMPASS_PREFIX = "heading"
 MOST_READINGS = 6000
 
 
@@ -75,33 +76,59 @@ def heading_errors(solutions: Sequence[Solution]) -> Figure | None:
     return figure
 
 
-def slow_states(solution: Solution) -> Figure | None:
-    """Biases and other slow states with three sigma, compass bias first.
+def compass_bias(solution: Solution) -> Figure | None:
+    """Estimated compass bias with three sigma.
 
-    Where the reference has a heading, the compass's true error stands behind its bias.
+    Where the reference has a heading, the compass's true error stands behind it.
     """
-    slow = solution.slow_states
-    if slow is None or not slow.columns or not len(slow.t):
+    names = [name for name in _slow_names(solution) if name.startswith(COMPASS_PREFIX)]
+    if not names:
         return None
-    names = sorted(slow.columns, key=lambda name: (not name.startswith("heading"), name))
-    colour = method_colour(solution.method)
     truth, compass = _reference_heading(solution), _compass(solution.mission)
-    figure, axes = new_figure(9.5, 0.6 + 1.9 * len(names), rows=len(names), share_x=True)
+    figure, axes = new_figure(9.5, 0.6 + 2.4 * len(names), rows=len(names), share_x=True)
     for ax, name in zip(axes, names, strict=True):
-        values, sigmas = slow.columns[name]
-        quantity, factor = _in_degrees(name)
-        if name.startswith("heading") and truth is not None and compass is not None:
+        if truth is not None and compass is not None:
             _draw_compass(ax, *truth.less(*compass))
-        t, value, three_sigma = broken(slow.t, factor * values, 3.0 * factor * sigmas)
-        ax.fill_between(
-            t, value - three_sigma, value + three_sigma, color=colour, alpha=0.18, linewidth=0,
-            label="±3 sigma",
-        )  # fmt: skip
-        ax.plot(t, value, color=colour, linewidth=1.2, label="estimate")
-        label(ax, "", quantity)
+        _draw_slow_state(ax, solution, name)
         add_legend(ax, markerscale=4)
     label(axes[-1], "mission time (s)", axes[-1].get_ylabel())
     return figure
+
+
+def slow_states(solution: Solution) -> Figure | None:
+    """The other biases and slow states, each in its panel, with three sigma."""
+    names = [name for name in _slow_names(solution) if not name.startswith(COMPASS_PREFIX)]
+    if not names:
+        return None
+    columns = min(len(names), 3)
+    rows = -(-len(names) // columns)
+    figure, axes = new_figure(9.5, 0.6 + 1.8 * rows, rows=rows, columns=columns, share_x=True)
+    for ax, name in zip(axes, names, strict=False):
+        _draw_slow_state(ax, solution, name)
+    for ax in axes[len(names) :]:
+        ax.set_visible(False)
+    for ax in axes[-columns:]:
+        label(ax, "mission time (s)", ax.get_ylabel())
+    add_legend(axes[0])
+    return figure
+
+
+def _slow_names(solution: Solution) -> list[str]:
+    slow = solution.slow_states
+    return [] if slow is None or not len(slow.t) else sorted(slow.columns)
+
+
+def _draw_slow_state(ax: Axes, solution: Solution, name: str) -> None:
+    slow = solution.slow_states
+    assert slow is not None
+    values, sigmas = slow.columns[name]
+    quantity, factor = _in_degrees(name)
+    colour = method_colour(solution.method)
+    t, value, three_sigma = broken(slow.t, factor * values, 3.0 * factor * sigmas)
+    band = value - three_sigma, value + three_sigma
+    ax.fill_between(t, *band, color=colour, alpha=0.18, linewidth=0, label="±3 sigma")
+    ax.plot(t, value, color=colour, linewidth=1.2, label="estimate")
+    label(ax, "", quantity)
 
 
 def _reference_heading(solution: Solution) -> _Baseline | None:

@@ -125,7 +125,7 @@ def _extent(paths_n: Sequence[Array], echoes_n: Array) -> tuple[Array, Array]:
     """Corners (n, e) of what is drawn, with a margin; stray echoes don't count."""
     corners = [corner for path in paths_n for corner in (path.min(axis=0), path.max(axis=0))]
     if len(echoes_n):
-        corners += list(np.percentile(echoes_n, [1.0, 99.0], axis=0))
+        corners += list(np.percentile(echoes_n, [0.2, 99.8], axis=0))
     low, high = np.min(corners, axis=0)[:2], np.max(corners, axis=0)[:2]
     margin = max(0.04 * float(np.max(high - low)), 1.0)
     return low - margin, high + margin

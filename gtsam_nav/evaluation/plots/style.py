@@ -33,7 +33,8 @@ _METHODS = {
 
 DPI = 130
 BREAK_S = 5.0
-"""Lines are not drawn over longer silences."""
+BREAK_PERIODS = 3.0
+"""Lines are not drawn over silences that are longer than both."""
 
 
 def method_colour(method: str) -> str:
@@ -91,13 +92,15 @@ def add_legend(ax: Axes, markerscale: float = 1.0, beside: bool = False) -> None
 
 def broken(t: Array, *values: Array) -> list[Array]:
     """Time and values with a NaN inside every silence, so that lines break there."""
-    at = np.flatnonzero(np.diff(t) > BREAK_S) + 1
+    steps = np.diff(t)
+    longest = max(BREAK_S, BREAK_PERIODS * float(np.median(steps))) if len(steps) else BREAK_S
+    at = np.flatnonzero(steps > longest) + 1
     return [np.insert(np.asarray(column, dtype=float), at, np.nan) for column in (t, *values)]
 
 
 def save_png(figure: Figure, path: Path) -> Path:
     """Write a figure; the same figure gives the same bytes. Whole or not at all."""
     draft = path.with_name(f".{path.name}.draft")
-    figure.savefig(draft, format="png", facecolor="white", bbox_inches="tight")
+    figure.savefig(draft, format="png", facecolor="white")
     os.replace(draft, path)  # noqa: PTH105
     return path

@@ -1,0 +1,311 @@
+"""The mission folder: every column, and what its description may say."""
+
+from __future__ import annotations
+
+import gzip
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from missions import DEPTH_CSV, make_folder, one_sensor_folder
+
+from gtsam_nav.errors import DataError
+from gtsam_nav.frames import Origin, ned_from_geodetic, rotation_from_rpy, rpy_from_rotation
+from gtsam_nav.mission import (
+    AttitudeSeries,
+    DvlSeries,
+    GnssSeries,
+    HeadingSeries,
+    LandmarkSeries,
+    Mission,
+    OdometrySeries,
+    ReferenceSeries,
+    Sensor,
+)
+from gtsam_nav.readers import open_mission
+
+TEN = range(10)
+
+
+def csv(header: str, *row: Any) -> str:
+    """A file of ten equal samples at 0, 1, ... 9 s."""
+    cells = ",".join(str(cell) for cell in row)
+    return f"{header}\n" + "".join(f"{k},{cells}\n" for k in TEN)
+
+
+def read_one(folder: Path, sensor_type: str, text: str | bytes, **entry: Any) -> Sensor:
+    return open_mission(one_sensor_folder(folder, sensor_type, text, **entry)).sensors["x"]
+
+
+def test_dvl_without_its_optional_columns(tmp_path: Path) -> None:
+    text = csv("t,vx,vy,vz,valid", 0.1, 0.2, 0.3, 1)
+    series = read_one(tmp_path, "dvl", text, noise={"sigma_m_s": 0.07}).series
+    assert isinstance(series, DvlSeries)
+    np.testing.assert_array_equal(series.v_d, np.tile([0.1, 0.2, 0.3], (10, 1)))
+    np.testing.assert_array_equal(series.sigma, 0.07)
+    assert np.all(series.bottom_lock)
+    assert series.altitude_m is None
+
+
+def test_dvl_locks_are_words(tmp_path: Path) -> None:
+    text = "t,vx,vy,vz,sigma,valid,lock,altitude\n" + "".join(
+        f"{k},0,0,0,0.1,{int(k != 3)},{'water' if k == 5 else 'bottom'},{k}.5\n" for k in TEN
+    )
+    series = read_one(tmp_path, "dvl", text).series
+    assert isinstance(series, DvlSeries)
+    np.testing.assert_array_equal(np.flatnonzero(~series.valid), [3])
+    np.testing.assert_array_equal(np.flatnonzero(~series.bottom_lock), [5])
+    np.testing.assert_array_equal(series.altitude_m, np.arange(10) + 0.5)
+
+
+def test_columns_come_in_any_order_and_unknown_ones_are_named(tmp_path: Path) -> None:
+    rows = [f"fine {k},0.3,0.2,0.1,{k}" for k in TEN]
+    text = "\n".join(["comment,wz,vy,vx,t", *rows])
+    mission = open_mission(one_sensor_folder(tmp_path, "odometry", text))
+    series = mission.sensors["x"].series
+    assert isinstance(series, OdometrySeries)
+    np.testing.assert_array_equal(series.v_b[0], [0.1, 0.2])
+    np.testing.assert_array_equal(series.yaw_rate, 0.3)
+    assert any("unknown columns: comment" in w for w in mission.warnings)
+
+
+def test_fixes_in_degrees_become_local(tmp_path: Path) -> None:
+    text = csv(
+        "t,lat_deg,lon_deg,h_m,sigma_n,sigma_e,sigma_d,vn,ve,vd", 42.001, 3.002, 7, 1, 2, 3, 4, 5, 6
+    )
+    folder = one_sensor_folder(tmp_path, "gnss", text)
+    origin = Origin(42.0, 3.0, 5.0)
+    described = (folder / "mission.yaml").read_text()
+    (folder / "mission.yaml").write_text(
+        described + "origin: {latitude_deg: 42.0, longitude_deg: 3.0, height_m: 5.0}\n"
+    )
+    mission = open_mission(folder)
+    series = mission.sensors["x"].series
+    assert isinstance(series, GnssSeries)
+    assert mission.origin == origin
+    np.testing.assert_array_equal(series.p_n[0], ned_from_geodetic(42.001, 3.002, 7.0, origin))
+    assert 105 < series.p_n[0, 0] < 115
+    assert 160 < series.p_n[0, 1] < 170
+    np.testing.assert_array_equal(series.sigma[0], [1, 2, 3])
+    assert series.v_n is not None
+    np.testing.assert_array_equal(series.v_n[0], [4, 5, 6])
+
+
+def test_without_an_origin_the_first_fix_is_taken_and_said(tmp_path: Path) -> None:
+    rows = ["t,lat_deg,lon_deg,h_m", "0,0,0,0", "1,95,3,0", "2,42.5,3.5,8", "3,42.6,3.5,8"]
+    mission = open_mission(one_sensor_folder(tmp_path, "gnss", "\n".join(rows) + "\n"))
+    series = mission.sensors["x"].series
+    assert isinstance(series, GnssSeries)
+    assert mission.origin == Origin(42.5, 3.5, 8.0)
+    np.testing.assert_allclose(series.p_n[0], 0, atol=1e-6)
+    assert any("states no origin" in w for w in mission.warnings)
+    assert [(r.index, r.reason) for r in mission.rejections] == [
+        (0, "no fix"),
+        (1, "latitude or longitude out of range"),
+    ]
+
+
+def test_metres_need_no_origin(tmp_path: Path) -> None:
+    mission = open_mission(one_sensor_folder(tmp_path, "gnss", csv("t,n,e,d", 1, 2, 3)))
+    assert mission.origin is None
+    assert mission.warnings == ()
+
+
+def test_a_turned_compass_reads_as_the_body(tmp_path: Path) -> None:
+    text = csv("t,heading_deg,sigma_deg", 170, 2)
+    sensor = read_one(tmp_path, "heading", text, rpy_deg=[0, 0, -30])
+    assert isinstance(sensor.series, HeadingSeries)
+    np.testing.assert_allclose(np.degrees(sensor.series.heading), -160)
+    np.testing.assert_allclose(np.degrees(sensor.series.sigma), 2)
+    np.testing.assert_array_equal(sensor.R_bs, np.eye(3))
+
+
+def test_a_turned_attitude_sensor_reads_as_the_body(tmp_path: Path) -> None:
+    R_nb = rotation_from_rpy([0.1, -0.2, 0.7])
+    R_bs = rotation_from_rpy(np.radians([180.0, 5.0, 86.0]))
+    roll, pitch, _ = np.degrees(rpy_from_rotation(R_nb @ R_bs))
+    text = csv("t,roll_deg,pitch_deg", roll, pitch)
+    sensor = read_one(tmp_path, "attitude", text, rpy_deg=[180, 5, 86])
+    assert isinstance(sensor.series, AttitudeSeries)
+    np.testing.assert_allclose(sensor.series.roll, 0.1)
+    np.testing.assert_allclose(sensor.series.pitch, -0.2)
+
+
+def test_landmarks_and_their_map(tmp_path: Path) -> None:
+    rows = ["t,id,range_m,bearing_deg,elevation_deg,sigma_range,sigma_bearing_deg"]
+    rows += [f"{k // 2},{k - 1},5.5,90,10,0.1,1" for k in TEN]
+    files = {"l.csv": "\n".join(rows), "map.csv": "id,n,e,sigma\n4,1,2,0.1\n5,nan,2,0.1\n"}
+    sensors = {
+        "landmarks": {"file": "l.csv"},
+        "buoys": {"type": "landmark_map", "file": "map.csv"},
+    }
+    mission = open_mission(make_folder(tmp_path, files, sensors))
+    series = mission.sensors["landmarks"].series
+    assert isinstance(series, LandmarkSeries)
+    assert series.id[0] == -1
+    np.testing.assert_allclose(series.bearing, np.pi / 2)
+    assert series.elevation is not None
+    np.testing.assert_allclose(np.degrees(series.elevation), 10)
+    assert mission.landmark_map is not None
+    np.testing.assert_array_equal(mission.landmark_map.id, [4])
+    np.testing.assert_array_equal(mission.landmark_map.p_n, [[1, 2, 0]])
+    assert any("landmarks that are not finite" in w for w in mission.warnings)
+
+
+def test_a_reference_states_its_antenna_and_its_vertical(tmp_path: Path) -> None:
+    text = csv("t,n,e,d,roll_deg,pitch_deg,yaw_deg,sigma", 1, 2, 3, 0, 0, 90, 0)
+    sensor = read_one(tmp_path, "reference", text, xyz_m=[0, 0, -2], vertical_usable=False)
+    assert isinstance(sensor.series, ReferenceSeries)
+    np.testing.assert_array_equal(sensor.xyz_b, [0, 0, -2])
+    assert not sensor.series.vertical_usable
+    assert sensor.series.rpy is not None
+    np.testing.assert_allclose(sensor.series.rpy[:, 2], np.pi / 2)
+    np.testing.assert_array_equal(sensor.series.sigma, 0.0)
+
+
+def test_two_of_a_type_are_two_names_and_gz_reads_as_it_is(tmp_path: Path) -> None:
+    files = {"a.csv.gz": gzip.compress(DEPTH_CSV.encode()), "b.csv": DEPTH_CSV}
+    sensors = {"depth": {"file": "a.csv.gz"}, "aft": {"type": "depth", "file": "b.csv"}}
+    mission = open_mission(make_folder(tmp_path, files, sensors))
+    assert [s.name for s in mission.of_type("depth")] == ["depth", "aft"]
+    series = [s.series for s in mission.of_type("depth")]
+    np.testing.assert_array_equal(series[0].t, series[1].t)
+
+
+def two_depths(folder: Path, first: Any, second: Any, **offset: float) -> Mission:
+    def text(stamps: Any) -> str:
+        return "t,depth_m,sigma\n" + "".join(f"{t!r},1,0.1\n" for t in stamps)
+
+    files = {"a.csv": text(first), "b.csv": text(second)}
+    sensors = {
+        "a": {"type": "depth", "file": "a.csv"},
+        "b": {"type": "depth", "file": "b.csv", **offset},
+    }
+    description = {"start_utc": "2024-05-17T09:30:00Z", "name": "two"}
+    return open_mission(make_folder(folder, files, sensors, **description))
+
+
+def test_time_zero_is_the_earliest_sample_after_offsets(tmp_path: Path) -> None:
+    mission = two_depths(tmp_path, [100.0, 101.0], [110.0, 111.0], time_offset_s=-15.0)
+    np.testing.assert_array_equal(mission.sensors["a"].series.t, [5, 6])
+    np.testing.assert_array_equal(mission.sensors["b"].series.t, [0, 1])
+    assert mission.start_utc == 1_715_938_200 + 95
+
+
+def test_the_clock_jump_of_one_sensor_never_defines_zero(tmp_path: Path) -> None:
+    mission = two_depths(
+        tmp_path, [float(k) for k in range(9000, 9100)], [5.0, 6.0, *range(9000, 9100)]
+    )
+    assert mission.start_utc == 1_715_938_200 + 9000
+    assert mission.sensors["b"].series.t[0] == 0
+    assert [(r.sensor, r.index, r.reason, r.t) for r in mission.rejections] == [
+        ("b", 0, "clock jump", -8995.0),
+        ("b", 1, "clock jump", -8994.0),
+    ]
+
+
+def test_a_sensor_on_another_clock_is_left_out_and_named(tmp_path: Path) -> None:
+    mission = two_depths(tmp_path, [float(k) for k in TEN], [1e9, 1e9 + 1])
+    assert list(mission.sensors) == ["a"]
+    assert any("'b'" in w and "never overlap" in w for w in mission.warnings)
+    assert [r.reason for r in mission.rejections] == ["no overlap in time"] * 2
+
+
+def test_a_sensor_that_ends_before_the_others_begin_is_named(tmp_path: Path) -> None:
+    mission = two_depths(tmp_path, [0.0, 1.0], [20.0, 21.0])
+    assert list(mission.sensors) == ["a", "b"]
+    assert sum("never overlaps in time" in w for w in mission.warnings) == 2
+
+
+def test_samples_out_of_order_are_sorted_and_said(tmp_path: Path) -> None:
+    mission = two_depths(tmp_path, [0.0, 2.0, 1.0, 3.0], [0.0])
+    np.testing.assert_array_equal(mission.sensors["a"].series.t, [0, 1, 2, 3])
+    assert any("'a': 1 samples were out of order" in w for w in mission.warnings)
+
+
+@pytest.mark.parametrize(
+    ("start_utc", "expected"),
+    [
+        ("2024-05-17T09:30:00Z", 1_715_938_200),
+        ("2024-05-17 11:30:00+02:00", 1_715_938_200),
+        ("2024-05-17T09:30:00.5", 1_715_938_200.5),
+        ("2024-05-17", 1_715_904_000),
+        (1_715_938_200, 1_715_938_200),
+    ],
+)
+@pytest.mark.parametrize("quoted", [True, False])
+def test_start_utc_may_be_a_date_or_a_number(
+    tmp_path: Path, start_utc: str | float, expected: float, quoted: bool
+) -> None:
+    folder = make_folder(tmp_path, {"d.csv": DEPTH_CSV}, {"depth": {"file": "d.csv"}})
+    text = repr(start_utc) if quoted else str(start_utc)
+    with (folder / "mission.yaml").open("a") as stream:
+        stream.write(f"start_utc: {text}\n")
+    assert open_mission(folder).start_utc == expected
+
+
+def test_the_start_state_may_be_geodetic(tmp_path: Path) -> None:
+    folder = make_folder(
+        tmp_path,
+        {"d.csv": DEPTH_CSV},
+        {"depth": {"file": "d.csv"}},
+        origin={"latitude_deg": 42.0, "longitude_deg": 3.0},
+        initial={
+            "position_geodetic": {"latitude_deg": 42.001, "longitude_deg": 3.0},
+            "heading_deg": -90,
+            "sigma_position_m": 4,
+            "sigma_heading_deg": 10,
+        },
+    )
+    initial = open_mission(folder).initial
+    assert initial.p_n is not None
+    np.testing.assert_allclose(initial.p_n, [111.1, 0, 0], atol=0.1)
+    assert initial.heading == pytest.approx(-np.pi / 2)
+    assert (initial.sigma_p, initial.sigma_heading) == (4, pytest.approx(np.radians(10)))
+
+
+def test_simulated_sensors_inside_a_recorded_mission_are_labelled(tmp_path: Path) -> None:
+    folder = tmp_path / "m"
+    folder.mkdir()
+    np.savez(
+        folder / "s.npz",
+        t=np.arange(3.0),
+        angle=np.zeros(3),
+        intensity=np.ones((3, 4), np.uint8),
+        resolution_m=0.1,
+    )
+    sensors = {"sonar": {"type": "beams", "file": "s.npz", "simulated": True}}
+    mission = open_mission(make_folder(folder, {}, sensors))
+    assert mission.sonar_kind == "simulated"
+    assert any("simulated sonar" in w for w in mission.warnings)
+
+
+def test_progress_ends_at_one(tmp_path: Path) -> None:
+    told: list[float] = []
+    folder = make_folder(tmp_path, {"d.csv": DEPTH_CSV}, {"depth": {"file": "d.csv"}})
+    open_mission(folder, lambda _stage, fraction: told.append(fraction))
+    assert told == sorted(told)
+    assert told[-1] == 1.0
+
+
+@pytest.mark.slow
+def test_an_hour_of_imu_reads_in_seconds(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    values = np.column_stack([np.arange(360_000) / 100, rng.normal(size=(360_000, 6))])
+    text = "t,gx,gy,gz,ax,ay,az\n" + ("%r,%.7f,%.7f,%.7f,%.6f,%.6f,%.6f\n" * len(values)) % tuple(
+        values.ravel().tolist()
+    )
+    folder = make_folder(tmp_path, {"i.csv": text}, {"imu": {"file": "i.csv"}})
+    begin = time.perf_counter()
+    mission = open_mission(folder)
+    assert time.perf_counter() - begin < 6  # about 1 s on a free core
+    assert len(mission.sensors["imu"].series) == 360_000
+
+
+def test_an_error_names_the_line_of_the_file(tmp_path: Path) -> None:
+    text = csv("t,depth_m", 1.0).replace("4,1.0", "4,one")
+    with pytest.raises(DataError, match=r"x\.csv:6: depth_m is 'one', not a number") as caught:
+        open_mission(one_sensor_folder(tmp_path, "depth", text))
+    assert caught.value.line == 6

@@ -1,0 +1,39 @@
+"""The registry of readers: what each must keep to, and paths that none of them knows."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from gtsam_nav.errors import DataError
+from gtsam_nav.readers import Reader, open_mission, readers
+
+
+@pytest.mark.parametrize("reader", readers(), ids=lambda r: r.NAME)
+def test_every_reader_declines_what_it_does_not_know(reader: Reader, tmp_path: Path) -> None:
+    assert reader.NAME
+    assert reader.EXPECTS
+    (tmp_path / "notes.txt").write_text("nothing")
+    for path in (tmp_path, tmp_path / "notes.txt", tmp_path / "absent"):
+        assert not reader.can_open(path)
+
+
+def test_an_unknown_path_is_told_what_every_reader_expects(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=str(tmp_path)) as caught:
+        open_mission(tmp_path)
+    for reader in readers():
+        assert reader.EXPECTS in str(caught.value)
+
+
+def test_an_absent_path_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="no such file or folder"):
+        open_mission(tmp_path / "absent")
+
+
+def test_importing_the_readers_loads_nothing_but_the_types() -> None:
+    code = "import sys, gtsam_nav.readers; print(*sys.modules)"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert {"scipy", "numba", "pymap3d", "yaml", "pydantic"}.isdisjoint(run.stdout.split())
