@@ -168,6 +168,8 @@ def test_both_methods_side_by_side(
     ]
     done = gtsam_nav("run", mission_folder, *chosen, "--out", tmp_path)
     assert done.code == 0, done.err
+    assert done.err.count("simulated sonar") == 1
+    assert "warning: dr, graph: " in done.err
     compared = gtsam_nav("compare", tmp_path, "--json")
     assert [Path(row["name"]).name for row in compared.document] == ["dr", "graph"]
     assert compared.document[1]["coverage"] > 0.99

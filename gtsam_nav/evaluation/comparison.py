@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gtsam_nav.evaluation.metrics import AbsoluteErrors, Metrics
+from gtsam_nav.evaluation.metrics import Metrics
+from gtsam_nav.evaluation.statistics import AbsoluteErrors
 from gtsam_nav.mission import SonarKind
 
 

@@ -2,86 +2,39 @@
 
 from __future__ import annotations
 
+import logging
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from typing import Annotated, Any, Self
+from dataclasses import dataclass, field, fields
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import Field, TypeAdapter
+from pydantic import TypeAdapter
 
 from gtsam_nav.evaluation.alignment import ALIGNMENTS, Aligned, align
 from gtsam_nav.evaluation.consistency import Consistency, consistency, horizontal_nees
 from gtsam_nav.evaluation.matching import Matched, distance_m, match
-from gtsam_nav.evaluation.relative import RelativeError, relative_error
+from gtsam_nav.evaluation.relative import relative_error
+from gtsam_nav.evaluation.statistics import (
+    AbsoluteErrors,
+    ErrorStatistics,
+    RelativeErrors,
+    Se2Statistics,
+    StartStatistics,
+)
 from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.mission import ReferenceSeries, Sensor, SonarKind
 from gtsam_nav.solution import Solution
-from gtsam_nav.trajectory import Trajectory
+from gtsam_nav.trajectory import MAX_GAP_S, Trajectory
 
 LEAST_COVERAGE = 0.99
 """A run that covers less of its reference has failed."""
 
+LEAST_ONLINE_COVERAGE = 0.5
+"""A causal estimate that covers less of the reference is not scored."""
 
-@dataclass(frozen=True, kw_only=True)
-class ErrorStatistics:
-    """Statistics of errors that are not negative, in their unit."""
-
-    mean: float
-    rmse: float
-    median: float
-    std: float
-    min: float
-    max: float
-    p95: float
-
-    @classmethod
-    def of(cls, errors: Array, **more: float) -> Self:
-        """Statistics of errors of shape (m,), m > 0."""
-        return cls(
-            mean=float(np.mean(errors)),
-            rmse=float(np.sqrt(np.mean(errors**2))),
-            median=float(np.median(errors)),
-            std=float(np.std(errors)),
-            min=float(np.min(errors)),
-            max=float(np.max(errors)),
-            p95=float(np.percentile(errors, 95)),
-            **more,
-        )
-
-
-@dataclass(frozen=True, kw_only=True)
-class StartStatistics(ErrorStatistics):
-    """Errors after the initial stretch of ``stretch_s`` that was fitted."""
-
-    stretch_s: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class Se2Statistics(ErrorStatistics):
-    """Errors after the SE(2) fit, with the ``determinant`` of its rotation: never a reflection."""
-
-    determinant: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class AbsoluteErrors:
-    """Absolute trajectory error (m) by alignment; None where it cannot be told."""
-
-    none: ErrorStatistics | None = None
-    start: StartStatistics | None = None
-    se2: Se2Statistics | None = None
-    se3: ErrorStatistics | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class RelativeErrors:
-    """Relative error over 10 m, 50 m and a tenth of the path; None where the path is shorter."""
-
-    per_10_m: Annotated[RelativeError | None, Field(alias="10_m")] = None
-    per_50_m: Annotated[RelativeError | None, Field(alias="50_m")] = None
-    per_10_percent: Annotated[RelativeError | None, Field(alias="10_percent")] = None
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,9 +68,9 @@ class TrajectoryMetrics:
         Scored share of the reference's span (inside the window), 0 to 1.
     """
 
-    ate: AbsoluteErrors = AbsoluteErrors()
+    ate: AbsoluteErrors = field(default_factory=AbsoluteErrors)
     ate_3d: AbsoluteErrors | None = None
-    rpe: RelativeErrors = RelativeErrors()
+    rpe: RelativeErrors = field(default_factory=RelativeErrors)
     drift_percent: float | None = None
     heading_error_deg: ErrorStatistics | None = None
     nees: Consistency | None = None
@@ -172,7 +125,8 @@ class Metrics(TrajectoryMetrics):
     Attributes
     ----------
     ate_online : AbsoluteErrors or None
-        Of the causal estimate, where the method has one.
+        Of the causal estimate, where the method has one and its keyframes are at most 5 s apart
+        over at least half of the reference.
     nis : mapping of str to Consistency
         Of the updates, by sensor.
     loops : LoopCounts
@@ -218,17 +172,11 @@ def evaluate(
     reference = reference or solution.reference
     scores, ate_online = TrajectoryMetrics(), None
     if reference is not None:
-        series, lever_b, absolute = (
-            reference_series(reference),
-            reference.xyz_b,
-            solution.georeferenced,
-        )
+        series, lever_b = reference_series(reference), reference.xyz_b
         scores = evaluate_trajectory(
-            solution.trajectory, series, lever_b, window_s, georeferenced=absolute
+            solution.trajectory, series, lever_b, window_s, georeferenced=solution.georeferenced
         )
-        if solution.online is not None:
-            online = match(solution.online, series, lever_b, window_s)
-            ate_online = None if online is None else _absolute_errors(online, absolute)
+        ate_online = _online_errors(solution, series, lever_b, window_s)
     return Metrics(
         **{f.name: getattr(scores, f.name) for f in fields(scores)},
         ate_online=ate_online,
@@ -248,6 +196,28 @@ def evaluate(
         gnss_used=solution.gnss_used,
         gnss_withheld=solution.gnss_withheld,
     )
+
+
+def _online_errors(
+    solution: Solution,
+    reference: ReferenceSeries,
+    lever_b: Array,
+    window_s: tuple[float, float] | None,
+) -> AbsoluteErrors | None:
+    """Errors of the causal estimate; None where its keyframes lie too far apart to be scored."""
+    matched = solution.online and match(solution.online, reference, lever_b, window_s)
+    if not matched:
+        return None
+    if matched.coverage < LEAST_ONLINE_COVERAGE:
+        logger.warning(
+            "%s: the causal estimate is not scored: no more than %.0f %% of the reference lies "
+            "between keyframes that are at most %g s apart",
+            solution.method,
+            100 * matched.coverage,
+            MAX_GAP_S,
+        )
+        return None
+    return _absolute_errors(matched, solution.georeferenced)
 
 
 def reference_series(sensor: Sensor) -> ReferenceSeries:

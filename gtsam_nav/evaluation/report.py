@@ -196,6 +196,9 @@ def _summary(report: _Report) -> Html:
     )
     if not all(s.georeferenced for s in report.solutions):
         note += " Without an absolute start, errors without alignment are left empty."
+    for s in report.solutions:
+        if s.online is not None and s.reference and report.metrics[s.method].ate_online is None:
+            note += f" The causal estimate of {s.method} is not scored: keyframes too far apart."
     pieces = [
         tables.summary_table(report.metrics, report.records),
         element("p", note, class_="note"),

@@ -9,9 +9,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from gtsam_nav.evaluation.alignment import ALIGNMENTS
 from gtsam_nav.evaluation.consistency import Consistency
 from gtsam_nav.evaluation.html import Html, element, join, table
-from gtsam_nav.evaluation.metrics import AbsoluteErrors, ErrorStatistics, Metrics
+from gtsam_nav.evaluation.metrics import Metrics
 from gtsam_nav.evaluation.plots.style import method_colour
 from gtsam_nav.evaluation.relative import RelativeError
+from gtsam_nav.evaluation.statistics import AbsoluteErrors, ErrorStatistics
 from gtsam_nav.solution import Solution
 from gtsam_nav.writers.run_record import RunRecord
 
@@ -147,7 +148,7 @@ def rejection_table(solutions: Sequence[Solution]) -> Html:
 
 def _kind(reason: str) -> str:
     """A reason without its figures, so that equal kinds count together."""
-    return re.sub(r"[-+]?\d[\d.,]*", "…", reason)
+    return re.sub(r"(?<!\w)[-+]?\d+(\.\d+)?", "…", reason)
 
 
 def loop_table(solution: Solution) -> Html:

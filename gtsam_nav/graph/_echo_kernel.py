@@ -217,7 +217,7 @@ def accumulate(
     block: IntArray,
     n_blocks: int,
     xy: Array,
-    arm: Array,
+    arms: Array,
     cov: Array,
     normal: Array,
     is_line: BoolArray,
@@ -226,8 +226,10 @@ def accumulate(
 ) -> tuple[Array, Array]:
     """Normal equations of all pairs, by block of the two knot intervals that a pair touches.
 
-    An echo at ``fraction`` f of its interval moves by ``(1 - f) d_k + f d_(k+1)`` of the knots'
-    corrections (dn, de, dyaw), yaw acting through ``arm``, the echo's offset from the vehicle.
+    An echo at ``fraction`` f of its interval moves by ``(1 - f) d_k + f d_(k+1)`` of what its two
+    knots make of it: a knot's shift (dn, de), and its turn dyaw about the knot itself, of which
+    ``arms`` (k, 2, 2) are the echo's offsets. The direction of a residual turns with echo j, so
+    that turning everything together costs nothing.
 
     Returns
     -------
@@ -247,32 +249,45 @@ def accumulate(
                 f = sign * (fraction[e] if end == 1 else 1.0 - fraction[e])
                 c = 6 * side + 3 * end
                 J[0, c], J[1, c + 1] = f, f
-                J[0, c + 2], J[1, c + 2] = -f * arm[e, 1], f * arm[e, 0]
+                J[0, c + 2], J[1, c + 2] = -f * arms[e, end, 1], f * arms[e, end, 0]
         ex, ey = xy[a, 0] - xy[b, 0], xy[a, 1] - xy[b, 1]
         sxx, sxy = cov[a, 0, 0] + cov[b, 0, 0], cov[a, 0, 1] + cov[b, 0, 1]
         syy = cov[a, 1, 1] + cov[b, 1, 1]
         if is_line[b]:
-            nx, ny = normal[b, 0], normal[b, 1]
-            w = weight[m] / (nx * nx * sxx + 2 * nx * ny * sxy + ny * ny * syy)
-            _add_row(A[k], g[k], nx, ny, nx * ex + ny * ey, w, J, row)
+            ux, uy = normal[b, 0], normal[b, 1]
+            w = weight[m] / (ux * ux * sxx + 2 * ux * uy * sxy + uy * uy * syy)
+            _add_row(A[k], g[k], ux, uy, ex, ey, fraction[b], w, J, row)
         else:
             # two independent rows along the eigenvectors of the covariance
             angle = 0.5 * math.atan2(2 * sxy, sxx - syy)
             for _ in range(2):
                 ux, uy = math.cos(angle), math.sin(angle)
                 w = weight[m] / (ux * ux * sxx + 2 * ux * uy * sxy + uy * uy * syy)
-                _add_row(A[k], g[k], ux, uy, ux * ex + uy * ey, w, J, row)
+                _add_row(A[k], g[k], ux, uy, ex, ey, fraction[b], w, J, row)
                 angle += 0.5 * math.pi
     return A, g
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _add_row(
-    A: Array, g: Array, ux: float, uy: float, residual: float, w: float, J: Array, row: Array
+    A: Array,
+    g: Array,
+    ux: float,
+    uy: float,
+    ex: float,
+    ey: float,
+    fraction_j: float,
+    w: float,
+    J: Array,
+    row: Array,
 ) -> None:
-    """Add one scalar residual along (ux, uy)."""
+    """Add the scalar residual ``u . e`` whose direction u turns with echo j."""
     for c in range(12):
         row[c] = ux * J[0, c] + uy * J[1, c]
+    turned = ux * ey - uy * ex
+    row[8] += (1.0 - fraction_j) * turned
+    row[11] += fraction_j * turned
+    residual = ux * ex + uy * ey
     for c in range(12):
         wc = w * row[c]
         g[c] -= wc * residual

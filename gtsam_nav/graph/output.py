@@ -68,32 +68,40 @@ def keyframe_trajectory(t: Array, states: list[Any], covariances: list[Array]) -
 
 
 def dense_trajectory(problem: Problem, keyframes: Trajectory) -> Trajectory:
-    """The vehicle's own motion, corrected linearly in time between keyframes."""
-    motion = problem.motion
-    inside = (motion.t >= keyframes.t[0]) & (motion.t <= keyframes.t[-1])
-    near = np.abs(
-        keyframes.t[np.clip(np.searchsorted(keyframes.t, motion.t), 0, len(keyframes) - 1)]
-        - motion.t
-    )
-    t = np.unique(np.concatenate([motion.t[inside & (near > 1e-6)], keyframes.t]))
-    p_n, rpy = motion.at(t)
-    v_b = np.stack([np.interp(t, motion.t, axis) for axis in motion.v_b.T], axis=1)
-    p_key, rpy_key = motion.at(keyframes.t)
-    rpy_gap = wrap_angle(keyframes.rpy - rpy_key)
-    v_key = np.stack([np.interp(keyframes.t, motion.t, axis) for axis in motion.v_b.T], axis=1)
+    """The vehicle's own motion, corrected between keyframes as the refinement does.
+
+    Each of the two keyframes around a time carries the motion along, turned by its own correction;
+    the result lies between the two by the time's fraction of the interval.
+    """
     assert keyframes.v_n is not None
     assert keyframes.cov_pose_n is not None
     assert keyframes.sigma_v_n is not None
-    v_gap = keyframes.v_n - np.einsum("nij,nj->ni", keyframes.R_nb, v_key)
-    R_nb = rotation_from_rpy(rpy + _between(t, keyframes.t, rpy_gap))
+    motion, t_key = problem.motion, keyframes.t
+    inside = motion.t[(motion.t >= t_key[0]) & (motion.t <= t_key[-1])]
+    beside = t_key[np.clip(np.searchsorted(t_key, inside - 1e-6), 0, len(t_key) - 1)]
+    t = np.unique(np.concatenate([inside[np.abs(beside - inside) > 1e-6], t_key]))
+    before = np.clip(np.searchsorted(t_key, t, side="right") - 1, 0, len(t_key) - 2)
+    f = ((t - t_key[before]) / (t_key[before + 1] - t_key[before]))[:, None]
+    p_own, rpy_own = motion.at(t)
+    p_key, rpy_key = motion.at(t_key)
+    turn = wrap_angle(keyframes.rpy - rpy_key)
+    heading_turns = rotation_from_rpy(turn * [0.0, 0.0, 1.0])
+    ends = [
+        keyframes.p_n[k] + np.einsum("nij,nj->ni", heading_turns[k], p_own - p_key[k])
+        for k in (before, before + 1)
+    ]
+    v_b = np.stack([np.interp(t, motion.t, axis) for axis in motion.v_b.T], axis=1)
+    v_b_key = np.stack([np.interp(t_key, motion.t, axis) for axis in motion.v_b.T], axis=1)
+    v_gap = keyframes.v_n - np.einsum("nij,nj->ni", keyframes.R_nb, v_b_key)
+    R_nb = rotation_from_rpy(rpy_own + _between(t, t_key, turn))
     return Trajectory(
         t=t,
-        p_n=p_n + _between(t, keyframes.t, keyframes.p_n - p_key),
+        p_n=(1 - f) * ends[0] + f * ends[1],
         q_nb_wxyz=quaternion_from_rotation(R_nb),
-        v_n=np.einsum("nij,nj->ni", R_nb, v_b) + _between(t, keyframes.t, v_gap),
-        cov_pose_n=_between(t, keyframes.t, keyframes.cov_pose_n.reshape(-1, 36)).reshape(-1, 6, 6),
-        sigma_v_n=_between(t, keyframes.t, keyframes.sigma_v_n),
-        keyframe=np.isin(t, keyframes.t),
+        v_n=np.einsum("nij,nj->ni", R_nb, v_b) + _between(t, t_key, v_gap),
+        cov_pose_n=_between(t, t_key, keyframes.cov_pose_n.reshape(-1, 36)).reshape(-1, 6, 6),
+        sigma_v_n=_between(t, t_key, keyframes.sigma_v_n),
+        keyframe=np.isin(t, t_key),
     )
 
 

@@ -1,7 +1,7 @@
 """Joint refinement: all echoes registered at once, each at its own beam's time.
 
-Between keyframes the correction of the vehicle's own motion is linear in time, so that a scan may
-bend. Walls give residuals across themselves, all else in the plane between mutual nearest echoes;
+Between keyframes the vehicle's own motion is corrected by a blend, linear in time, of what the two
+keyframes make of it, so that a scan may bend. Walls give residuals across themselves, all else in the plane between mutual nearest echoes;
 weights adapt to the residuals found. If N scans saw one spot, the N (N - 1) / 2 differences among
 them carry what N - 1 independent ones would: each echo's residuals are weighed by 1 / N.
 """
@@ -22,7 +22,7 @@ from gtsam_nav.mission import BoolArray, IntArray
 from gtsam_nav.preprocess.motion import VehicleMotion
 from gtsam_nav.solution import Progress
 from gtsam_nav.sonar.echoes import Echoes
-from gtsam_nav.sonar.scans import Turns
+from gtsam_nav.sonar.scans import Turns, planar_rotations
 
 log = logging.getLogger(__name__)
 
@@ -107,7 +107,7 @@ class JointRefinement:
         self._ne, self._yaw = p_n[:, :2], rpy[:, 2]
         p_n, rpy = motion.at(t_keyframes[self.knots.keyframes])
         self._knot_ne, self._knot_yaw = p_n[:, :2], rpy[:, 2]
-        self._scan_middle = np.searchsorted(self.t, turns.t_ref)
+        self._scan_knot = np.searchsorted(t_keyframes[self.knots.keyframes], turns.t_ref)
 
     def run(self, graph: Any, values: Any, progress: Progress) -> Refined:
         """Refine until the estimate stops changing.
@@ -181,11 +181,10 @@ class JointRefinement:
             squared_residuals,
         )
 
-        xy, arm, cov = self._place(knots)
+        xy, arms, cov = self._place(knots)
         s = self.settings
         normal, is_line = local_lines(xy, self.scan_first, s.line_radius_m, s.line_thickness_m)
-        middle = np.clip(self._scan_middle, 0, len(xy) - 1)
-        vehicle = (xy - arm)[middle]
+        vehicle = knots[self._scan_knot, :2]
         eligible = is_line | fixed_points(xy, normal, is_line, s.point_radius_m)
         i, j = partners(
             xy,
@@ -205,20 +204,28 @@ class JointRefinement:
             self.knots.knot[i] * len(knots) + self.knots.knot[j], return_inverse=True
         )
         A, g = accumulate(
-            i, j, block, len(intervals), xy, arm, cov, normal, is_line, self.knots.fraction, weight
+            i, j, block, len(intervals), xy, arms, cov, normal, is_line, self.knots.fraction, weight
         )
         return _assemble(intervals // len(knots), intervals % len(knots), A, g, len(knots))
 
     def _place(self, knots: Array) -> tuple[Array, Array, Array]:
-        """Echoes in the navigation frame, their arms from the vehicle, and covariances."""
-        correction = knots - np.column_stack([self._knot_ne, self._knot_yaw])
-        f = self.knots.fraction[:, None]
-        own = (1 - f) * correction[self.knots.knot] + f * correction[self.knots.knot + 1]
-        yaw = self._yaw + own[:, 2]
-        c, s = np.cos(yaw), np.sin(yaw)
-        B = np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], axis=-2)
-        arm = np.einsum("kij,kj->ki", B, self.xy_b)
-        return self._ne + own[:, :2] + arm, arm, B @ self.cov_b @ np.swapaxes(B, 1, 2)
+        """Echoes in the navigation frame, their arms from the knots, and covariances.
+
+        Each of the two knots carries the motion's path to the echo along, turned by its own
+        correction; the echo lies between the two by its fraction of the interval.
+        """
+        k, f = self.knots.knot, self.knots.fraction[:, None]
+        turn = knots[:, 2] - self._knot_yaw
+        yaw = self._yaw + (1 - f[:, 0]) * turn[k] + f[:, 0] * turn[k + 1]
+        B = planar_rotations(yaw)
+        from_vehicle = np.einsum("kij,kj->ki", B, self.xy_b)
+        arms = np.empty((len(k), 2, 2))
+        for end in (0, 1):
+            path = self._ne - self._knot_ne[k + end]
+            arms[:, end] = np.einsum("kij,kj->ki", planar_rotations(turn[k + end]), path)
+        arms += from_vehicle[:, None]
+        xy = (1 - f) * (knots[k, :2] + arms[:, 0]) + f * (knots[k + 1, :2] + arms[:, 1])
+        return xy, arms, B @ self.cov_b @ np.swapaxes(B, 1, 2)
 
     def _keep_trusted_points(
         self, i: IntArray, j: IntArray, is_line: BoolArray

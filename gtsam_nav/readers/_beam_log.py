@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,8 @@ from gtsam_nav.solution import Progress
 
 LEADING = ("stamp", "sensor time", "head angle")
 """Fields of a line before its bins."""
+
+MAX_LINE_BYTES = 10_000_000
 
 NEWLINE, SPACE, ZERO = np.uint8(10), np.uint8(32), np.uint8(48)
 
@@ -54,12 +57,14 @@ def read_beams(
         Where the file is missing or a line is malformed. A last line that was cut off is rejected.
     """
     texts = _whole_lines(path, progress)
-    first = next(texts, b"")
-    n_bins = _bins_of_first_beam(first)
+    leading, n_bins = [b""], 0
+    while n_bins == 0 and (text := next(texts, b"")):
+        leading.append(text)
+        n_bins = _bins_of_first_beam(text)
     parse = partial(_parse_block, n_bins=n_bins)
     with ThreadPoolExecutor(max_workers=1) as pool:
         # NumPy parses one block while the next is decompressed
-        blocks = [parse(first), *pool.map(parse, texts)]
+        blocks = list(pool.map(parse, chain(leading, texts)))
     cut_stamp = _check(blocks, n_bins, path)
     n = sum(len(block.t) for block in blocks)
     series, rejections = tidy(
@@ -87,6 +92,8 @@ def _whole_lines(path: Path, progress: Progress) -> Iterator[bytes]:
             rest = chunk[end:]
         else:
             rest += chunk
+        if len(rest) > MAX_LINE_BYTES:
+            raise DataError(f"no line break in {MAX_LINE_BYTES} bytes: no log of beams", path)
     if rest:
         yield rest
 
@@ -195,7 +202,8 @@ def _check(blocks: list[_Block], n_bins: int, path: Path) -> float | None:
     line = 1
     for k, block in enumerate(blocks):
         if block.fault is not None:
-            if k == len(blocks) - 1 and block.is_short:
+            followed = any(len(later.t) or later.fault is not None for later in blocks[k + 1 :])
+            if block.is_short and not followed:
                 return block.fault_stamp
             raise DataError(
                 f"malformed beam; needed are {', '.join(LEADING)} and {n_bins} bins of 0 to 255",

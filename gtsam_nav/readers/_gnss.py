@@ -49,14 +49,11 @@ class Fixes:
     def series(self, sensor_name: str, origin: Origin) -> tuple[GnssSeries | None, list[Rejection]]:
         """The fixes in local NED, cleaned."""
         reasons = self.refused()
-        # the conversion wants angles in range; what is refused keeps its reason all the same
-        bad = np.any([*reasons.values(), ~np.isfinite(self.latitude_deg)], axis=0)
-        p_n = ned_from_geodetic(
-            np.where(bad, origin.latitude_deg, self.latitude_deg),
-            np.where(bad, origin.longitude_deg, self.longitude_deg),
-            np.where(bad, np.nan, self.height_m),
-            origin,
-        )
+        geodetic = np.column_stack([self.latitude_deg, self.longitude_deg, self.height_m])
+        usable = np.all(np.isfinite(geodetic), axis=1) & ~np.any([*reasons.values()], axis=0)
+        p_n = np.full_like(geodetic, np.nan)
+        latitude, longitude, height = geodetic[usable].T
+        p_n[usable] = ned_from_geodetic(latitude, longitude, height, origin)
         columns = {"t": self.t, "p_n": p_n, "sigma": self.sigma}
         if self.v_n is not None:
             columns["v_n"] = self.v_n

@@ -231,13 +231,12 @@ class _Reading:
         c = table.columns
         ids, sigma = c["id"], c["sigma"]
         p_n = np.column_stack([c["n"], c["e"], c.get("d", np.zeros(len(ids)))])
-        usable = np.isfinite(ids) & np.all(np.isfinite(p_n), axis=1) & (sigma > 0)
+        finite = np.all(np.isfinite(np.column_stack([ids, p_n, sigma])), axis=1)
+        usable = finite & (sigma > 0) & (ids == np.floor(ids)) & (np.abs(ids) < 2**53)
         whole = LandmarkMap(ids[usable].astype(np.int64), p_n[usable], sigma[usable])
         dropped = np.sum(~usable) + (table.cut_stamp is not None)
         if dropped:
-            self.warnings.append(
-                f"{path.name}: {dropped} landmarks that are not finite are left out"
-            )
+            self.warnings.append(f"{path.name}: {dropped} unusable landmarks are left out")
         if len(np.unique(whole.id)) < len(whole.id):
             raise DataError("a landmark's id is given twice", path)
         return whole

@@ -104,14 +104,14 @@ def form_scans(echoes: Echoes, turns: Turns, motion: PlanarMotion) -> list[Scan]
 def echoes_in_level_frame(echoes: Echoes, motion: PlanarMotion) -> tuple[Array, Array]:
     """Echoes and their covariances along north and east, placed by the motion."""
     position_n, yaw = motion.at(echoes.t)
-    B = _planar_rotation(yaw)
+    B = planar_rotations(yaw)
     xy_n = position_n + np.einsum("kij,kj->ki", B, echoes.xy_b)
     return xy_n, B @ echoes.cov_b @ np.swapaxes(B, 1, 2)
 
 
 def _scan(t_ref: float, t: Array, xy_n: Array, cov_n: Array, motion: PlanarMotion) -> Scan:
     position_n, yaw = motion.at(np.array([t_ref]))
-    B = _planar_rotation(yaw)[0]
+    B = planar_rotations(yaw)[0]
     xy = (xy_n - position_n[0]) @ B
     elapsed = np.abs(t - t_ref)
     drift = elapsed * motion.position_variance_m2_s
@@ -123,6 +123,7 @@ def _scan(t_ref: float, t: Array, xy_n: Array, cov_n: Array, motion: PlanarMotio
     return Scan(t_ref, xy, cov)
 
 
-def _planar_rotation(yaw: Array) -> Array:
+def planar_rotations(yaw: Array) -> Array:
+    """Rotations of the plane by given angles, shape (..., 2, 2)."""
     c, s = np.cos(yaw), np.sin(yaw)
     return np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], axis=-2)

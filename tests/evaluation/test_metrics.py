@@ -237,6 +237,18 @@ def test_local_frames_have_no_errors_without_alignment() -> None:
     assert metrics.nis
 
 
+def test_a_causal_estimate_with_sparse_keyframes_is_not_scored(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    solution = solutions.graph_solution()
+    assert solution.online is not None
+    sparse = replace(solution, online=solution.online.select(slice(None, None, 3)))
+    metrics = evaluate(sparse)
+    assert metrics.ate_online is None
+    assert metrics.ate == evaluate(solution).ate
+    assert "keyframes that are at most 5 s apart" in caplog.text
+
+
 def test_drift_is_the_last_error_over_the_distance() -> None:
     t, p_n = straight(101)
     drifting = p_n + np.column_stack([0 * t, 0.03 * t, 0 * t])

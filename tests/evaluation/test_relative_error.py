@@ -10,8 +10,9 @@ from evo.core.trajectory import PoseTrajectory3D
 from evo.core.units import Unit
 
 from gtsam_nav.evaluation.matching import match
-from gtsam_nav.evaluation.metrics import ErrorStatistics, evaluate_trajectory
+from gtsam_nav.evaluation.metrics import evaluate_trajectory
 from gtsam_nav.evaluation.relative import relative_error
+from gtsam_nav.evaluation.statistics import ErrorStatistics
 from gtsam_nav.frames import Array, quaternion_from_rpy
 from gtsam_nav.mission import ReferenceSeries
 from gtsam_nav.trajectory import Trajectory

@@ -135,6 +135,15 @@ def test_a_mission_without_reference_says_that_nothing_is_scored(tmp_path: Path)
 
 
 @pytest.mark.usefixtures("undrawn")
+def test_an_unscored_causal_estimate_is_explained(tmp_path: Path) -> None:
+    graph = solutions.graph_solution()
+    assert graph.online is not None
+    sparse = replace(graph, online=graph.online.select(slice(None, None, 4)))
+    page = Page(write_report([sparse], tmp_path).read_text(encoding="utf-8"))
+    assert "The causal estimate of graph is not scored" in page.text
+
+
+@pytest.mark.usefixtures("undrawn")
 def test_a_recorded_sonar_is_not_called_simulated(tmp_path: Path) -> None:
     graph = solutions.graph_solution()
     beams = replace(graph.mission.sensors["beams"], simulated=False)

@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 
 Window = tuple[float, float] | None
 
+MOST_SAMPLES = 6000
+"""Of the reference that are drawn; every k-th of a longer one."""
+
 
 def position_errors(solution: Solution, window_s: Window = None) -> Figure | None:
     """Error north, east and horizontal against time, with three sigma.
@@ -90,6 +93,7 @@ def _errors(solution: Solution) -> tuple[Matched, Aligned, str] | None:
     if solution.reference is None:
         return None
     series = reference_series(solution.reference)
+    series = series.select(slice(None, None, 1 + len(series) // MOST_SAMPLES))
     matched = match(solution.trajectory, series, solution.reference.xyz_b)
     aligned = align(matched, "none" if solution.georeferenced else "se2") if matched else None
     if matched is None or aligned is None:

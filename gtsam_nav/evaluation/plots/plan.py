@@ -72,7 +72,15 @@ def plan_view(solutions: Sequence[Solution]) -> Figure:
     north, east = (high - low).tolist()
     figure, (ax,) = new_figure(*_size_in(north, east))
     if len(echoes):
-        ax.plot(echoes[:, 1], echoes[:, 0], ".", markersize=1.3, color=ECHO, label="sonar map")
+        ax.plot(
+            echoes[:, 1],
+            echoes[:, 0],
+            ".",
+            markersize=1.3,
+            color=ECHO,
+            alpha=0.45,
+            label="sonar map",
+        )
     looped = next((track for track in tracks if track.solution.loops), None)
     if looped is not None:
         _draw_loops(ax, looped)
