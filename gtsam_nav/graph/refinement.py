@@ -1,9 +1,10 @@
 """Joint refinement: all echoes registered at once, each at its own beam's time.
 
-Between keyframes the vehicle's own motion is corrected by a blend, linear in time, of what the two
-keyframes make of it, so that a scan may bend. Walls give residuals across themselves, all else in the plane between mutual nearest echoes;
-weights adapt to the residuals found. If N scans saw one spot, the N (N - 1) / 2 differences among
-them carry what N - 1 independent ones would: each echo's residuals are weighed by 1 / N.
+Between knots (keyframes at the middle of scans) the vehicle's own motion is corrected by a blend,
+linear in time, of what the two knots make of it, so that a scan may bend. Walls give residuals
+across themselves, all else in the plane between mutual nearest echoes; weights adapt to the
+residuals found. If N scans saw one spot, the N (N - 1) / 2 differences among them carry what N - 1
+independent ones would: each echo's residuals are weighed by 1 / N.
 """
 
 from __future__ import annotations
@@ -30,6 +31,8 @@ CHI2_MEDIAN_1_DOF, CHI2_MEDIAN_2_DOF = 0.4549, 1.3863
 LEAST_SPREAD2 = 0.05
 """Residuals may be this much smaller in variance than the echoes' stated noise."""
 MAX_RELINEARISATIONS = 6
+MAX_KNOT_SPACING_S = 20.0
+"""Where scans are further apart, the keyframes between them are knots too."""
 
 
 @dataclass(frozen=True)
@@ -51,15 +54,21 @@ class Knots:
     fraction: Array
 
 
-def knots_of(t_echoes: Array, t_keyframes: Array) -> Knots:
-    """The keyframes around each echo."""
-    before = np.clip(
-        np.searchsorted(t_keyframes, t_echoes, side="right") - 1, 0, len(t_keyframes) - 2
-    )
-    keyframes = np.unique(np.concatenate([before, before + 1]))
-    span = t_keyframes[before + 1] - t_keyframes[before]
-    fraction = np.clip((t_echoes - t_keyframes[before]) / span, 0.0, 1.0)
-    return Knots(keyframes, np.searchsorted(keyframes, before), fraction)
+def knots_of(t_echoes: Array, t_keyframes: Array, t_scans: Array) -> Knots:
+    """Choose the knots among the keyframes and place the echoes between them.
+
+    Scans' middles are enough where they follow each other; elsewhere every keyframe is a knot.
+    """
+    chosen = np.isin(t_keyframes, t_scans)
+    chosen[[0, -1]] = True
+    t_chosen = t_keyframes[chosen]
+    gap = np.diff(t_chosen)[np.clip(np.searchsorted(t_chosen, t_keyframes) - 1, 0, None)]
+    candidates = np.flatnonzero(chosen | (gap > MAX_KNOT_SPACING_S))
+    t_knots = t_keyframes[candidates]
+    before = np.clip(np.searchsorted(t_knots, t_echoes, side="right") - 1, 0, len(t_knots) - 2)
+    used = np.unique(np.concatenate([before, before + 1]))
+    fraction = (t_echoes - t_knots[before]) / (t_knots[before + 1] - t_knots[before])
+    return Knots(candidates[used], np.searchsorted(used, before), np.clip(fraction, 0.0, 1.0))
 
 
 @dataclass(frozen=True)
@@ -102,7 +111,7 @@ class JointRefinement:
         self.t = echoes.t[inside]
         self.scan_first = bounds - bounds[0]
         self.scan = np.repeat(np.arange(len(turns)), np.diff(bounds))
-        self.knots = knots_of(self.t, t_keyframes)
+        self.knots = knots_of(self.t, t_keyframes, turns.t_ref)
         p_n, rpy = motion.at(self.t)
         self._ne, self._yaw = p_n[:, :2], rpy[:, 2]
         p_n, rpy = motion.at(t_keyframes[self.knots.keyframes])

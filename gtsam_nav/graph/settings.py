@@ -72,7 +72,8 @@ class GraphSettings(Settings):
     Attributes
     ----------
     keyframe_interval_s : float
-        Longest time between keyframes.
+        Longest time between keyframes; the causal trajectory consists of them, and is scored only
+        where they are at most 5 s apart.
     scan_interval_s : float
         Scans closer together than this are thinned out (sonars and lasers that scan fast).
     imu_min_rate_hz : float
@@ -83,10 +84,10 @@ class GraphSettings(Settings):
         Huber threshold of DVL, heading, attitude and depth residuals.
     """
 
-    keyframe_interval_s: float = Field(default=15.0, gt=0)
+    keyframe_interval_s: float = Field(default=5.0, gt=0, le=5)
     scan_interval_s: float = Field(default=2.0, ge=0)
     imu_min_rate_hz: float = Field(default=50.0, gt=0)
-    keyframes_per_update: int = Field(default=2, ge=1)
+    keyframes_per_update: int = Field(default=3, ge=1)
     huber_k: float = Field(default=1.345, gt=0)
     loops: LoopSettings = LoopSettings()
     refinement: RefinementSettings = RefinementSettings()

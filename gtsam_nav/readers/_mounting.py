@@ -2,9 +2,33 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from gtsam_nav.frames import Array, rotation_from_rpy, rpy_from_rotation, wrap_angle
+from gtsam_nav.mission import AttitudeSeries, HeadingSeries, Series
+
+ORIENTING_TYPES = (HeadingSeries.TYPE, AttitudeSeries.TYPE)
+"""Types of sensor whose series are the body's, so that their mounting is the identity."""
+
+
+def in_body_axes(series: Series, R_bs: Array) -> Series:
+    """The same series, but the heading or the tilt in it is that of the body.
+
+    Parameters
+    ----------
+    series : Series
+        Of the instrument; types other than `ORIENTING_TYPES` pass through.
+    R_bs : ndarray, shape (3, 3)
+        The instrument's mounting.
+    """
+    if isinstance(series, HeadingSeries):
+        return replace(series, heading=body_heading(series.heading, R_bs))
+    if isinstance(series, AttitudeSeries):
+        roll, pitch = body_tilt(series.roll, series.pitch, R_bs)
+        return replace(series, roll=roll, pitch=pitch)
+    return series
 
 
 def body_heading(heading_s: Array, R_bs: Array) -> Array:

@@ -54,7 +54,7 @@ from gtsam_nav.readers._mission_yaml import (
     SensorEntry,
     file_inside,
 )
-from gtsam_nav.readers._mounting import body_heading, body_tilt
+from gtsam_nav.readers._mounting import ORIENTING_TYPES, in_body_axes
 from gtsam_nav.readers._npz import read_beams, read_scans
 from gtsam_nav.readers._table import Table, read_named_files, read_table, truncation
 from gtsam_nav.readers.layout import GEODETIC_COLUMNS, LAYOUTS, NED_COLUMNS, Field
@@ -128,13 +128,12 @@ class _Reading:
                 f"({len(rejections)} dropped)"
             )
             return
-        turned = entry.type in ("heading", "attitude")
         self.sensors[name] = Sensor(
             name=name,
             type=entry.type,
-            series=series,
+            series=in_body_axes(series, entry.R_bs),
             xyz_b=entry.xyz_b,
-            R_bs=np.eye(3) if turned else entry.R_bs,
+            R_bs=np.eye(3) if entry.type in ORIENTING_TYPES else entry.R_bs,
             noise=entry.noise,
             simulated=entry.simulated,
         )
@@ -161,11 +160,6 @@ class _Reading:
             values = _values(spec, table, noise)
             if values is not None:
                 columns[spec.series] = values
-        if entry.type == "heading":
-            columns["heading"] = body_heading(columns["heading"], entry.R_bs)
-        elif entry.type == "attitude":
-            tilt = body_tilt(columns["roll"], columns["pitch"], entry.R_bs)
-            columns["roll"], columns["pitch"] = tilt
         constants: dict[str, Any] = {}
         if entry.type == "reference":
             constants["vertical_usable"] = entry.vertical_usable

@@ -15,7 +15,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -37,7 +36,7 @@ from gtsam_nav.preprocess.cleaning import tidy
 from gtsam_nav.readers._beam_log import read_beams
 from gtsam_nav.readers._clock import on_mission_time
 from gtsam_nav.readers._gnss import Fixes
-from gtsam_nav.readers._mounting import body_heading, body_tilt
+from gtsam_nav.readers._mounting import ORIENTING_TYPES, in_body_axes
 from gtsam_nav.readers._table import truncation
 from gtsam_nav.readers._text import Rows, parse_rows, read_lines
 from gtsam_nav.sensors.noise import AttitudeNoise, DepthNoise, DvlNoise, GnssNoise, HeadingNoise
@@ -150,13 +149,12 @@ def _sonar_log(folder: Path) -> tuple[Path | None, bool]:
 
 def _mounted(name: str, series: Series, card: Card) -> Sensor:
     entry = card.sensors[name]
-    turned = entry.type in ("heading", "attitude")
     return Sensor(
         name=name,
         type=entry.type,
-        series=series,
+        series=in_body_axes(series, entry.R_bs),
         xyz_b=entry.xyz_b,
-        R_bs=np.eye(3) if turned else entry.R_bs,
+        R_bs=np.eye(3) if entry.type in ORIENTING_TYPES else entry.R_bs,
         noise=entry.noise,
     )
 
@@ -208,30 +206,18 @@ def _read_dvl(path: Path, card: Card) -> list[Cleaned]:
 def _read_mti(path: Path, card: Card) -> list[Cleaned]:
     rows = _rows(path, MTI_COLUMNS)
     c = dict(zip(MTI_COLUMNS, rows.values.T, strict=True))
-    heading_card, attitude_card = card.sensors["heading"], card.sensors["attitude"]
     roll, pitch, yaw = np.radians([c["roll"], c["pitch"], c["yaw"]])
-    vehicle_roll, vehicle_pitch = body_tilt(roll, pitch, attitude_card.R_bs)
-    sigma_heading = HeadingNoise.model_validate(heading_card.noise).sigma_deg
-    sigma_tilt = AttitudeNoise.model_validate(attitude_card.noise).sigma_deg
+    sigma_heading = HeadingNoise.model_validate(card.sensors["heading"].noise).sigma_deg
+    sigma_tilt = AttitudeNoise.model_validate(card.sensors["attitude"].noise).sigma_deg
 
-    def constant(value: float) -> Array:
-        return np.full(len(yaw), value)
+    def constant_deg(value: float) -> Array:
+        return np.full(len(yaw), np.radians(value))
 
-    columns: dict[str, tuple[type[Series], dict[str, Any]]] = {
-        "heading": (
-            HeadingSeries,
-            {
-                "heading": body_heading(yaw, heading_card.R_bs),
-                "sigma": constant(np.radians(sigma_heading)),
-            },
-        ),
+    columns: dict[str, tuple[type[Series], dict[str, Array]]] = {
+        "heading": (HeadingSeries, {"heading": yaw, "sigma": constant_deg(sigma_heading)}),
         "attitude": (
             AttitudeSeries,
-            {
-                "roll": vehicle_roll,
-                "pitch": vehicle_pitch,
-                "sigma": constant(np.radians(sigma_tilt)),
-            },
+            {"roll": roll, "pitch": pitch, "sigma": constant_deg(sigma_tilt)},
         ),
         "imu": (
             ImuSeries,

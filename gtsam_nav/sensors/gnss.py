@@ -13,4 +13,3 @@ def predict(state: BodyState, p_antenna_n: Array, lever_b: Array, sigma: Array) 
     jacobian = np.hstack([-state.R_nb @ skew(lever_b), state.R_nb, np.zeros((3, 3))])
     residual = state.p_n + state.R_nb @ lever_b - p_antenna_n
     return Prediction(residual, jacobian, np.diag(np.asarray(sigma) ** 2))
-

@@ -58,7 +58,7 @@ class HeadingNoise(Settings):
     """
 
     sigma_deg: float = Field(default=0.5, gt=0)
-    bias_sigma_deg: float = Field(default=3.0, ge=0)
+    bias_sigma_deg: float = Field(default=5.0, ge=0)
     disturbance_sigma_deg: float = Field(default=4.0, ge=0)
     disturbance_time_s: float = Field(default=120.0, gt=0)
     declination_deg: float = 0.0

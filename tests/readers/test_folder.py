@@ -122,6 +122,12 @@ def test_a_turned_compass_reads_as_the_body(tmp_path: Path) -> None:
     np.testing.assert_array_equal(sensor.R_bs, np.eye(3))
 
 
+def test_a_heading_that_is_no_angle_is_not_wrapped_into_one(tmp_path: Path) -> None:
+    text = csv("t,heading_deg", 10).replace("4,10", "4,65535")
+    mission = open_mission(one_sensor_folder(tmp_path, "heading", text, rpy_deg=[0, 0, 5]))
+    assert [(r.index, r.reason) for r in mission.rejections] == [(4, "implausible heading")]
+
+
 def test_a_turned_attitude_sensor_reads_as_the_body(tmp_path: Path) -> None:
     R_nb = rotation_from_rpy([0.1, -0.2, 0.7])
     R_bs = rotation_from_rpy(np.radians([180.0, 5.0, 86.0]))
