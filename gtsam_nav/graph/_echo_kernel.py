@@ -211,6 +211,43 @@ def squared_residuals(
 
 
 @numba.njit(cache=True, error_model="numpy")
+def correlation_excess(
+    residual: Array, normal: Array, run: IntArray, clip: float, max_lag: int
+) -> float:
+    """How many times more the mean of a run of residuals varies than if they were independent.
+
+    ``1 + 2 sum rho_k``, the integrated autocorrelation over residuals that follow each other in a
+    run and lie on walls of one direction; lags weigh by how often they occur.
+
+    Parameters
+    ----------
+    residual, normal : ndarray, shapes (m,) and (m, 2)
+        In the order of their runs.
+    run : ndarray of int, shape (m,)
+        Which run each belongs to.
+    clip : float
+        Residuals count no further than this.
+    """
+    variance = 0.0
+    clipped = np.minimum(np.maximum(residual, -clip), clip)
+    for m in range(len(clipped)):
+        variance += clipped[m] * clipped[m]
+    if variance <= 0.0:
+        return 1.0
+    excess = 1.0
+    for lag in range(1, max_lag + 1):
+        total = 0.0
+        for m in range(len(clipped) - lag):
+            if run[m] != run[m + lag]:
+                continue
+            along = normal[m, 0] * normal[m + lag, 0] + normal[m, 1] * normal[m + lag, 1]
+            if abs(along) > 0.95:
+                total += clipped[m] * clipped[m + lag]
+        excess += 2.0 * max(total / variance, 0.0)
+    return excess
+
+
+@numba.njit(cache=True, error_model="numpy")
 def accumulate(
     i: IntArray,
     j: IntArray,

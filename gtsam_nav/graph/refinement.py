@@ -4,7 +4,8 @@ Between knots (keyframes at the middle of scans) the vehicle's own motion is cor
 linear in time, of what the two knots make of it, so that a scan may bend. Walls give residuals
 across themselves, all else in the plane between mutual nearest echoes; weights adapt to the
 residuals found. If N scans saw one spot, the N (N - 1) / 2 differences among them carry what N - 1
-independent ones would: each echo's residuals are weighed by 1 / N.
+independent ones would: each echo's residuals are weighed by 1 / N. Neighbouring echoes of a scan
+err together; how far is measured on the residuals, and lessens their weight too.
 """
 
 from __future__ import annotations
@@ -30,6 +31,8 @@ log = logging.getLogger(__name__)
 CHI2_MEDIAN_1_DOF, CHI2_MEDIAN_2_DOF = 0.4549, 1.3863
 LEAST_SPREAD2 = 0.05
 """Residuals may be this much smaller in variance than the echoes' stated noise."""
+MAX_LAG = 30
+"""Echoes further apart in a scan than this many are taken to err independently."""
 MAX_RELINEARISATIONS = 6
 MAX_KNOT_SPACING_S = 20.0
 """Where scans are further apart, the keyframes between them are knots too."""
@@ -165,6 +168,7 @@ class JointRefinement:
             narrow = gate <= self.settings.last_gate_m
             settled = narrow and float(np.max(np.abs(step[:, :2]))) < self.settings.converged_m
             gate = max(gate * self.settings.gate_factor, self.settings.last_gate_m)
+            log.debug("shared error %.2f", self.shared_error)
             log.debug(
                 "refinement: largest step %.3f m at knot %d",
                 np.max(np.abs(step[:, :2])),
@@ -209,6 +213,8 @@ class JointRefinement:
         i, j = self._keep_trusted_points(i, j, is_line)
         d2 = squared_residuals(i, j, xy, cov, normal, is_line)
         weight = self._weights(i, d2, is_line)
+        self.shared_error = self._shared_error(i, j, xy, vehicle, normal, is_line)
+        weight /= self.shared_error
         intervals, block = np.unique(
             self.knots.knot[i] * len(knots) + self.knots.knot[j], return_inverse=True
         )
@@ -261,6 +267,28 @@ class JointRefinement:
             weight[these] = 1.0 / (1.0 + scaled / self.settings.cauchy_k**2) / spread2
         visits = np.bincount(i, minlength=len(self.scan)) + 1
         return np.asarray(weight / visits[i])
+
+    def _shared_error(
+        self, i: IntArray, j: IntArray, xy: Array, vehicle: Array, normal: Array, is_line: BoolArray
+    ) -> float:
+        """How far the echoes of a scan on one wall err together, rather than each on its own.
+
+        Motion within the scan and the beam's shape displace neighbouring echoes alike; this many
+        of them are worth one independent echo.
+        """
+        from gtsam_nav.graph._echo_kernel import correlation_excess
+
+        walls = np.flatnonzero(is_line[i])
+        if len(walls) == 0:
+            return 1.0
+        run = self.scan[i[walls]] * len(vehicle) + self.scan[j[walls]]
+        order = walls[np.lexsort((i[walls], run))]
+        a, b = i[order], j[order]
+        outward = xy[a] - vehicle[self.scan[a]]
+        side = np.sign(np.einsum("ki,ki->k", normal[b], outward))[:, None]
+        residual = np.einsum("ki,ki->k", side * normal[b], xy[a] - xy[b])
+        clip = 3.0 * 1.4826 * float(np.median(np.abs(residual)))
+        return float(correlation_excess(residual, normal[a], np.sort(run), clip, MAX_LAG))
 
 
 def _assemble(a: IntArray, b: IntArray, A: Array, g: Array, n_knots: int) -> tuple[Array, Array]:

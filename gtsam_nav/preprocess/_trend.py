@@ -1,4 +1,8 @@
-"""Compiled Rauch-Tung-Striebel smoother of a scalar signal with a local trend."""
+"""Compiled Rauch-Tung-Striebel smoother of a scalar signal with a local trend.
+
+The two-state products are written out: matrix operators would make the first call compile for
+twenty seconds.
+"""
 
 from __future__ import annotations
 
@@ -37,39 +41,43 @@ def smooth_trend(
     used : ndarray of bool, shape (n,)
     """
     n = len(t)
-    x, P = np.zeros((n, 2)), np.zeros((n, 2, 2))
-    x_predicted, P_predicted = np.zeros((n, 2)), np.zeros((n, 2, 2))
+    # level a, trend b and their covariance, filtered and (_p) predicted
+    a, b, aa, ab, bb = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    a_p, aa_p, ab_p, bb_p = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     used = np.ones(n, np.bool_)
-    x[0, 0], P[0, 0, 0], P[0, 1, 1] = z[0], variance[0], trend_variance
-    x_predicted[0], P_predicted[0] = x[0], P[0]
-    F, Q = np.eye(2), np.zeros((2, 2))
+    a[0], b[0], aa[0], ab[0], bb[0] = z[0], 0.0, variance[0], 0.0, trend_variance
     for k in range(1, n):
-        dt = t[k] - t[k - 1]
-        F[0, 1] = dt
-        Q[0, 0] = level_density * dt + trend_density * dt**3 / 3
-        Q[0, 1] = Q[1, 0] = trend_density * dt**2 / 2
-        Q[1, 1] = trend_density * dt
-        x_predicted[k] = F @ x[k - 1]
-        P_predicted[k] = F @ P[k - 1] @ F.T + Q
-        S = P_predicted[k, 0, 0] + variance[k]
-        innovation = z[k] - x_predicted[k, 0]
+        i, dt = k - 1, t[k] - t[k - 1]
+        a_p[k] = a[i] + dt * b[i]
+        aa_p[k] = aa[i] + dt * (2 * ab[i] + dt * bb[i] + level_density + trend_density * dt**2 / 3)
+        ab_p[k] = ab[i] + dt * (bb[i] + trend_density * dt / 2)
+        bb_p[k] = bb[i] + dt * trend_density
+        innovation, S = z[k] - a_p[k], aa_p[k] + variance[k]
         used[k] = innovation * innovation <= gate * S
-        if used[k]:
-            K = P_predicted[k, :, 0] / S
-            x[k] = x_predicted[k] + K * innovation
-            P[k] = P_predicted[k] - np.outer(K, P_predicted[k, 0, :])
-        else:
-            x[k], P[k] = x_predicted[k], P_predicted[k]
+        gain_a = aa_p[k] / S if used[k] else 0.0
+        gain_b = ab_p[k] / S if used[k] else 0.0
+        a[k], b[k] = a_p[k] + gain_a * innovation, b[i] + gain_b * innovation
+        aa[k], ab[k] = (1 - gain_a) * aa_p[k], (1 - gain_a) * ab_p[k]
+        bb[k] = bb_p[k] - gain_b * ab_p[k]
     for k in range(n - 2, -1, -1):
-        F[0, 1] = t[k + 1] - t[k]
-        A = P_predicted[k + 1]
-        det = A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]
-        C = np.zeros((2, 2))
+        j, dt = k + 1, t[k + 1] - t[k]
+        det = aa_p[j] * bb_p[j] - ab_p[j] * ab_p[j]
         if det > 1e-300:
-            inverse = np.array([[A[1, 1], -A[0, 1]], [-A[1, 0], A[0, 0]]]) / det
-            C = P[k] @ F.T @ inverse
-        elif A[0, 0] > 0.0:  # no trend: a scalar random walk
-            C[0, 0] = P[k, 0, 0] / A[0, 0]
-        x[k] = x[k] + C @ (x[k + 1] - x_predicted[k + 1])
-        P[k] = P[k] + C @ (P[k + 1] - A) @ C.T
-    return x[:, 0].copy(), x[:, 1].copy(), P[:, 0, 0].copy(), used
+            # C = P F' P_predicted^-1
+            u, v = aa[k] + dt * ab[k], ab[k] + dt * bb[k]
+            c_aa = (u * bb_p[j] - ab[k] * ab_p[j]) / det
+            c_ab = (ab[k] * aa_p[j] - u * ab_p[j]) / det
+            c_ba = (v * bb_p[j] - bb[k] * ab_p[j]) / det
+            c_bb = (bb[k] * aa_p[j] - v * ab_p[j]) / det
+        else:  # no trend: a scalar random walk
+            c_aa, c_ab, c_ba, c_bb = aa[k] / aa_p[j], 0.0, 0.0, 0.0
+        da, db = a[j] - a_p[j], b[j] - b[k]
+        daa, dab, dbb = aa[j] - aa_p[j], ab[j] - ab_p[j], bb[j] - bb_p[j]
+        a[k] += c_aa * da + c_ab * db
+        b[k] += c_ba * da + c_bb * db
+        left, right = c_aa * daa + c_ab * dab, c_aa * dab + c_ab * dbb
+        aa[k] += left * c_aa + right * c_ab
+        ab[k] += left * c_ba + right * c_bb
+        left, right = c_ba * daa + c_bb * dab, c_ba * dab + c_bb * dbb
+        bb[k] += left * c_ba + right * c_bb
+    return a, b, aa, used

@@ -271,8 +271,6 @@ def test_nan_fields_are_rejected_by_sensor(tmp_path: Path) -> None:
 
 def test_stamps_back_in_time_and_repeated(tmp_path: Path) -> None:
     order = [0, 2, 1, 3, 3, 4, 5, 6]
-    text = log(lambda k: mti_line(order[k], yaw=float(order[k])))
-    text += beam_line(0) + "\r\n"
     mission = open_mission(logs(tmp_path, MTi=log(lambda k: mti_line(order[k]))))
     assert {(r.sensor, r.index, r.reason) for r in mission.rejections} == {
         (sensor, 4, "repeated sample") for sensor in ("heading", "attitude", "imu")
