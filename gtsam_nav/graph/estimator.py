@@ -18,13 +18,12 @@ from gtsam_nav.graph.output import (
     dense_trajectory,
     keyframe_trajectory,
     loop_closures,
-    marginal_covariances,
     pose_graph,
     slow_states,
-    with_sonar_information,
+    smoothed_covariances,
 )
 from gtsam_nav.graph.problem import Problem, build_problem
-from gtsam_nav.graph.refinement import JointRefinement, Refined
+from gtsam_nav.graph.refinement import JointRefinement, Refined, refine_without_sonar
 from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.preprocess.alignment import align
 from gtsam_nav.preprocess.motion import VehicleMotion, vehicle_motion
@@ -83,18 +82,19 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     loops = loop_closures(
         online.matches, t_scans, scan_keyframe, values, config.graph.loops.cauchy_k
     )
-    refined = None
-    graph = online.backend.graph()
-    if sonar is not None and config.graph.refinement.max_iterations:
-        with clock.stage("refinement"):
+    with clock.stage("refinement"):
+        if sonar is not None and config.graph.refinement.max_iterations:
             graph = online.backend.graph(without=SCAN_MATCH)
-            joint = JointRefinement(sonar.echoes, sonar.turns, t, motion, config.graph.refinement)
+            joint = JointRefinement(sonar.echoes, sonar.turns, problem, config.graph.refinement)
             refined = joint.run(graph, values, progress)
-            values = refined.values
-            if not refined.converged:
-                warnings = (*warnings, "the joint refinement stopped before it settled")
+        else:
+            graph = online.backend.graph()
+            refined = refine_without_sonar(graph, values, problem)
+    if not refined.converged:
+        warnings = (*warnings, "the refinement stopped before it settled")
+    values = refined.values
     with clock.stage("covariance"):
-        covariances = _covariances(problem, graph, values, refined)
+        covariances = _covariances(problem, graph, refined)
     states = [values.atNavState(X(k)) for k in range(len(t))]
     keyframes = keyframe_trajectory(t, states, [covariances[X(k)] for k in range(len(t))])
     trajectory = dense_trajectory(problem, keyframes)
@@ -156,19 +156,13 @@ def _sonar_data(mission: Mission, motion: VehicleMotion, config: Config) -> Sona
     return SonarData(echoes, turns, form_scans(echoes, turns, planar))
 
 
-def _covariances(
-    problem: Problem, graph: Any, values: Any, refined: Refined | None
-) -> dict[int, Array]:
+def _covariances(problem: Problem, graph: Any, refined: Refined) -> dict[int, Array]:
     """Marginal covariances of keyframes, compass frames and IMU biases, by key."""
     index = range(len(problem.t))
     keys = [X(k) for k in index]
     keys += [M(k) for k in index] if problem.has_compass else []
     keys += [B(k) for k in index] if problem.uses_imu else []
-    if refined is None:
-        covariances = marginal_covariances(graph, values, keys)
-    else:  # both parts belong to one linearisation
-        covariances = marginal_covariances(graph, refined.posterior.values, keys)
-        covariances = with_sonar_information(covariances, keys, refined)
+    covariances = smoothed_covariances(graph, keys, refined.posterior, refined.planar_information)
     return dict(zip(keys, covariances, strict=True))
 
 

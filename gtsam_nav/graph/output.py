@@ -15,8 +15,8 @@ from gtsam_nav.frames import (
 )
 from gtsam_nav.graph.factors import B, M, X
 from gtsam_nav.graph.problem import Problem
-from gtsam_nav.graph.refinement import Refined
 from gtsam_nav.graph.scan_matching import ScanMatch
+from gtsam_nav.graph.sensor_posterior import SensorPosterior
 from gtsam_nav.mission import IntArray
 from gtsam_nav.solution import LoopClosure, PoseGraph, PoseGraphEdge, SlowStates
 from gtsam_nav.trajectory import Trajectory
@@ -28,23 +28,26 @@ def marginal_covariances(graph: Any, values: Any, keys: list[int]) -> list[Array
     return [np.asarray(marginals.marginalCovariance(key)) for key in keys]
 
 
-def with_sonar_information(
-    covariances: list[Array], keys: list[int], refined: Refined
+def smoothed_covariances(
+    graph: Any, keys: list[int], posterior: SensorPosterior, A: Array
 ) -> list[Array]:
-    """Covariances after the sonar's information on the planar knots has been added.
+    """Marginal covariances with the velocity's constant errors and the sonar's information A.
 
-    ``P - C W C'`` with C the cross covariance of a variable with the planar poses and
-    ``W = A - A (P_p^-1 + A)^-1 A`` for the sonar's information A.
+    ``P + U U' - C W C'`` with C the cross covariance of a variable with the planar poses and
+    ``W = A - A (P_p^-1 + A)^-1 A``.
     """
-    posterior, A = refined.posterior, refined.planar_information
-    total = np.linalg.inv(posterior.planar_cov) + A
-    W = A - A @ np.linalg.solve(total, A)
-    CW = posterior.cross @ (0.5 * (W + W.T))
+    covariances = marginal_covariances(graph, posterior.values, keys)
+    CW = np.zeros_like(posterior.cross)
+    if np.any(A):
+        total = np.linalg.inv(posterior.planar_cov) + A
+        W = A - A @ np.linalg.solve(total, A)
+        CW = posterior.cross @ (0.5 * (W + W.T))
     updated = []
     for key, cov in zip(keys, covariances, strict=True):
         own = posterior.columns[key]
-        lessened = cov - CW[own] @ posterior.cross[own].T
-        updated.append(0.5 * (lessened + lessened.T))
+        spread = posterior.calibration.spread[own]
+        whole = cov + spread @ spread.T - CW[own] @ posterior.cross[own].T
+        updated.append(0.5 * (whole + whole.T))
     return updated
 
 

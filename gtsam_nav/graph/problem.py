@@ -17,7 +17,13 @@ from gtsam_nav.graph.scan_matching import PlanarPose
 from gtsam_nav.mission import DepthSeries, GnssSeries, ImuSeries, IntArray, Mission, Sensor
 from gtsam_nav.preprocess.alignment import Alignment
 from gtsam_nav.preprocess.motion import VehicleMotion
-from gtsam_nav.sensors.noise import GnssNoise, HeadingNoise, ImuNoise
+from gtsam_nav.sensors.noise import (
+    DvlNoise,
+    GnssNoise,
+    HeadingNoise,
+    ImuNoise,
+    OdometryNoise,
+)
 from gtsam_nav.sensors.orientation import headings_true, tilt_at
 
 MAX_IMU_GAP_S = 0.2
@@ -29,6 +35,16 @@ class SensorFactor:
     """A factor with the sensor it came from."""
 
     sensor: str
+    factor: Any
+
+
+@dataclass(frozen=True)
+class Displacement:
+    """The measured displacement into keyframe k, and its factor."""
+
+    k: int
+    R_ab: Array
+    p_a: Array
     factor: Any
 
 
@@ -47,6 +63,10 @@ class Problem:
         Whether rotations come from preintegrated IMU readings or from the AHRS.
     has_compass : bool
         Whether a compass frame stands beside each keyframe.
+    displacements : list of Displacement
+        Those that the velocity sensor's constant errors act on.
+    calibration_sigma : ndarray, shape (2,)
+        Spread of these errors: scale, and misalignment about the vertical in rad.
     """
 
     t: Array
@@ -57,6 +77,8 @@ class Problem:
     gyro_bias_i: Array = field(default_factory=lambda: np.zeros(3))
     n_fixes: int = 0
     gnss_errors: list[int] = field(default_factory=list)
+    displacements: list[Displacement] = field(default_factory=list)
+    calibration_sigma: Array = field(default_factory=lambda: np.zeros(2))
 
     def new_values(self, k: int) -> list[tuple[int, Any]]:
         """Keys and first values of the states that keyframe k brings, but for its own."""
@@ -117,6 +139,7 @@ def build_problem(
         factors=[[] for _ in t],
         uses_imu=imu is not None,
         has_compass=headings is not None,
+        calibration_sigma=_calibration_sigma(mission),
     )
     _add_start(problem, start)
     _add_increments(problem, config, imu is None and headings is None)
@@ -165,6 +188,18 @@ def _add_increments(problem: Problem, config: Config, yaw_by_motion: bool) -> No
             X(k - 1), X(k), R_ab, p_a, rotation, sigma_p, config.graph.huber_k
         )
         problem.add(k, "velocity", factor)
+        problem.displacements.append(Displacement(k, R_ab, p_a, factor))
+
+
+def _calibration_sigma(mission: Mission) -> Array:
+    """Spread of scale and misalignment of whichever sensor measures the velocity."""
+    dvl, odometry = mission.first("dvl"), mission.first("odometry")
+    noise: DvlNoise | OdometryNoise
+    if dvl is not None:
+        noise = DvlNoise.model_validate(dvl.noise)
+    else:
+        noise = OdometryNoise.model_validate(odometry.noise if odometry else {})
+    return np.array([noise.scale_sigma, np.radians(noise.misalignment_sigma_deg)])
 
 
 def _add_velocities(problem: Problem, config: Config) -> None:

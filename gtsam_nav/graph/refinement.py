@@ -18,10 +18,10 @@ import numpy as np
 
 from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.graph.factors import X
+from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.sensor_posterior import SensorPosterior, sensor_posterior
 from gtsam_nav.graph.settings import RefinementSettings
 from gtsam_nav.mission import BoolArray, IntArray
-from gtsam_nav.preprocess.motion import VehicleMotion
 from gtsam_nav.solution import Progress
 from gtsam_nav.sonar.echoes import Echoes
 from gtsam_nav.sonar.scans import Turns, planar_rotations
@@ -34,6 +34,7 @@ LEAST_SPREAD2 = 0.05
 MAX_LAG = 30
 """Echoes further apart in a scan than this many are taken to err independently."""
 MAX_RELINEARISATIONS = 6
+CONVERGED_STEP = 1e-3
 MAX_KNOT_SPACING_S = 20.0
 """Where scans are further apart, the keyframes between them are knots too."""
 
@@ -76,14 +77,24 @@ def knots_of(t_echoes: Array, t_keyframes: Array, t_scans: Array) -> Knots:
 
 @dataclass(frozen=True)
 class Refined:
-    """Values after the refinement and what the sonar told about the planar knots."""
+    """Final values, and what the sensors and the sonar told about the planar knots."""
 
     values: Any
     posterior: SensorPosterior
-    knots: Knots
     planar_information: Array
     iterations: int
     converged: bool
+
+
+def refine_without_sonar(graph: Any, values: Any, problem: Problem) -> Refined:
+    """Gauss-Newton with the velocity's constant errors, which the batch solve leaves out."""
+    largest, count = np.inf, 0
+    while largest > CONVERGED_STEP and count < MAX_RELINEARISATIONS:
+        posterior = sensor_posterior(graph, values, np.empty(0, dtype=np.int64), problem)
+        values = posterior.retracted(posterior.mean)
+        largest = float(np.max(np.abs(posterior.mean)))
+        count += 1
+    return Refined(values, posterior, np.empty((0, 0)), count, largest <= CONVERGED_STEP)
 
 
 class JointRefinement:
@@ -93,8 +104,8 @@ class JointRefinement:
     ----------
     echoes : Echoes
     turns : Turns
-    t_keyframes : ndarray, shape (n,)
-    motion : VehicleMotion
+    problem : Problem
+        Whose keyframes and motion are refined.
     settings : RefinementSettings
     """
 
@@ -102,12 +113,13 @@ class JointRefinement:
         self,
         echoes: Echoes,
         turns: Turns,
-        t_keyframes: Array,
-        motion: VehicleMotion,
+        problem: Problem,
         settings: RefinementSettings,
     ) -> None:
+        t_keyframes, motion = problem.t, problem.motion
         bounds = np.searchsorted(echoes.beam, np.append(turns.first, turns.last[-1:]))
         inside = slice(bounds[0], bounds[-1])
+        self.problem = problem
         self.settings = settings
         self.xy_b = echoes.xy_b[inside]
         self.cov_b = echoes.cov_b[inside]
@@ -133,7 +145,7 @@ class JointRefinement:
         """
         gate, iterations = self.settings.first_gate_m, 0
         for _ in range(MAX_RELINEARISATIONS):
-            posterior = sensor_posterior(graph, values, self.knots.keyframes)
+            posterior = sensor_posterior(graph, values, self.knots.keyframes, self.problem)
             planar, information, gate, count, settled = self._solve(
                 posterior, gate, iterations, progress
             )
@@ -144,7 +156,7 @@ class JointRefinement:
                 break
         progress("refinement", 1.0)
         log.info("joint refinement: %d iterations, converged: %s", iterations, done)
-        return Refined(values, posterior, self.knots, information, iterations, bool(done))
+        return Refined(values, posterior, information, iterations, bool(done))
 
     def _solve(
         self, posterior: SensorPosterior, gate: float, before: int, progress: Progress

@@ -17,7 +17,28 @@ from gtsam_nav.errors import EstimationError
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.backend import planar_rows
 from gtsam_nav.graph.factors import X
+from gtsam_nav.graph.problem import Problem
 from gtsam_nav.mission import IntArray
+
+
+@dataclass(frozen=True)
+class CalibrationPart:
+    """Scale and misalignment of the velocity, marginalised out of the trajectory.
+
+    Attributes
+    ----------
+    mean, cov : ndarray, shapes (2,) and (2, 2)
+        Their estimate by the sensors other than the sonar.
+    cross : ndarray, shape (2, m)
+        Covariance with the planar poses.
+    spread : ndarray, shape (N, 2)
+        Its product with its transpose is what they add to the covariance of all variables.
+    """
+
+    mean: Array
+    cov: Array
+    cross: Array
+    spread: Array
 
 
 @dataclass(frozen=True)
@@ -37,6 +58,8 @@ class SensorPosterior:
     cross : ndarray, shape (N, m)
         Covariance of all variables with the planar ones.
     planar_cov : ndarray, shape (m, m)
+    calibration : CalibrationPart
+        What the velocity's constant errors add to all of these (they already contain it).
     """
 
     values: Any
@@ -45,6 +68,7 @@ class SensorPosterior:
     planar_mean: Array
     cross: Array
     planar_cov: Array
+    calibration: CalibrationPart
 
     def step_given(self, planar: Array) -> Array:
         """Step of all variables, shape (N,), once the planar ones are known."""
@@ -61,8 +85,14 @@ class SensorPosterior:
         return self.values.retract(delta)
 
 
-def sensor_posterior(graph: Any, values: Any, keyframes: IntArray) -> SensorPosterior:
+def sensor_posterior(
+    graph: Any, values: Any, keyframes: IntArray, problem: Problem
+) -> SensorPosterior:
     """Linearise a graph and reduce it to the planar poses of given keyframes.
+
+    The constant errors D of the velocity sensor are no variables of the graph: with h their
+    coupling to its variables, ``H x + h D = g`` and ``h' x + (h_DD + Sigma_D^-1) D = g_D`` are
+    solved by the Schur complement in D, a correction of rank two.
 
     Raises
     ------
@@ -90,12 +120,51 @@ def sensor_posterior(graph: Any, values: Any, keyframes: IntArray) -> SensorPost
     for m, k in enumerate(keyframes.tolist()):
         R_nb = values.atNavState(X(k)).attitude().matrix()
         selection[columns[X(k)], 3 * m : 3 * m + 3] = planar_rows(R_nb).T
-    mean, cross = np.empty(n), np.empty_like(selection)
+    h, h_dd, g_d = _calibration_coupling(problem, values, columns, n)
+    mean, cross, U = np.empty(n), np.empty_like(selection), np.empty((n, 2))
     mean[order] = factor.solve((jacobian.T @ b)[order])
     cross[order] = factor.solve(selection[order])
-    planar_mean, planar_cov = selection.T @ mean, selection.T @ cross
-    planar_cov = 0.5 * (planar_cov + planar_cov.T)
-    return SensorPosterior(values, columns, mean, planar_mean, cross, planar_cov)
+    U[order] = factor.solve(h[order])
+    precision = np.diag(1.0 / np.maximum(problem.calibration_sigma, 1e-9) ** 2)
+    cov_d = np.linalg.inv(precision + h_dd - h.T @ U)
+    mean_d = cov_d @ (g_d - h.T @ mean)
+    mean -= U @ mean_d
+    cross_d = -cov_d @ (U.T @ selection)
+    cross -= U @ cross_d
+    planar_cov = selection.T @ cross
+    return SensorPosterior(
+        values=values,
+        columns=columns,
+        mean=mean,
+        planar_mean=selection.T @ mean,
+        cross=cross,
+        planar_cov=0.5 * (planar_cov + planar_cov.T),
+        calibration=CalibrationPart(
+            mean_d, cov_d, cross_d, np.asarray(U @ np.linalg.cholesky(cov_d))
+        ),
+    )
+
+
+def _calibration_coupling(
+    problem: Problem, values: Any, columns: dict[int, slice], n: int
+) -> tuple[Array, Array, Array]:
+    """Rows of the normal equations that belong to scale and misalignment.
+
+    The displacement's residual is ``R_ab' (R_a' (p_b - p_a) - (1 + scale) Rz(misalignment) p_ab)``.
+    """
+    h, h_dd, g_d = np.zeros((n, 2)), np.zeros((2, 2)), np.zeros(2)
+    for d in problem.displacements:
+        A, b = d.factor.linearize(values).jacobian()
+        # the native row is a rotation times the square root of weight and information
+        root = float(np.linalg.norm(A[3, 12:15]))
+        turned = np.array([-d.p_a[1], d.p_a[0], 0.0])
+        J_d = np.zeros((9, 2))
+        J_d[3:6] = -root * d.R_ab.T @ np.column_stack([d.p_a, turned])
+        h[columns[X(d.k - 1)]] += A[:, :9].T @ J_d
+        h[columns[X(d.k)]] += A[:, 9:].T @ J_d
+        h_dd += J_d.T @ J_d
+        g_d += J_d.T @ b
+    return h, h_dd, g_d
 
 
 def _columns(values: Any) -> dict[int, slice]:

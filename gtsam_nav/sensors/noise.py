@@ -42,10 +42,15 @@ class DvlNoise(Settings):
 
 
 class OdometryNoise(Settings):
-    """Noise of body-frame speed and yaw rate where the file states none."""
+    """Noise of body-frame speed and yaw rate where the file states none.
+
+    ``scale_sigma`` and ``misalignment_sigma_deg`` are the spread of the constant errors.
+    """
 
     sigma_v_m_s: float = Field(default=0.1, gt=0)
     sigma_yaw_rate_rad_s: float = Field(default=0.05, gt=0)
+    scale_sigma: float = Field(default=0.03, ge=0)
+    misalignment_sigma_deg: float = Field(default=0.5, ge=0)
 
 
 class HeadingNoise(Settings):

@@ -1,0 +1,122 @@
+"""Compiled loop of the dead-reckoning filter; ``constant_velocity.run_readable`` is its oracle.
+
+Loops are written out: matrix operators would make the first call compile for many seconds.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+
+from gtsam_nav.frames import Array
+from gtsam_nav.mission import IntArray
+
+
+@numba.njit(cache=True, error_model="numpy")
+def run(
+    t: Array,
+    first: IntArray,
+    size: IntArray,
+    value: Array,
+    variance: Array,
+    gate: Array,
+    t_record: Array,
+    start_s: float,
+    x_start: Array,
+    P_start: Array,
+    accel_variance: Array,
+) -> tuple[Array, Array, Array]:
+    """Filter measurements and record the state; arguments as in ``run_readable``.
+
+    Returns
+    -------
+    x : ndarray, shape (n, 8)
+    P : ndarray, shape (n, 8, 8)
+    nis : ndarray, shape (m,)
+        Normalised innovation squared of every measurement, used or not.
+    """
+    m, n = len(t), len(t_record)
+    x_record, P_record, nis = np.empty((n, 8)), np.empty((n, 8, 8)), np.empty(m)
+    x, P, x_new, P_new = np.empty(8), np.empty((8, 8)), np.empty(8), np.empty((8, 8))
+    _copy(x_start, P_start, x, P)
+    now, r = start_s, 0
+    for k in range(m + 1):
+        until = t[k] if k < m else np.inf
+        while r < n and t_record[r] <= until:
+            _predict(x, P, t_record[r] - now, accel_variance)
+            now = t_record[r]
+            _copy(x, P, x_record[r], P_record[r])
+            r += 1
+        if k < m:
+            _predict(x, P, t[k] - now, accel_variance)
+            now = t[k]
+            _copy(x, P, x_new, P_new)
+            nis[k] = _update(x_new, P_new, first[k], size[k], value[k], variance[k])
+            if nis[k] <= gate[size[k]]:
+                _copy(x_new, P_new, x, P)
+    return x_record, P_record, nis
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _copy(x: Array, P: Array, x_to: Array, P_to: Array) -> None:
+    for i in range(len(x)):
+        x_to[i] = x[i]
+        for j in range(len(x)):
+            P_to[i, j] = P[i, j]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _predict(x: Array, P: Array, dt: float, accel_variance: Array) -> None:
+    """``P := F P F' + Q`` in place, F differing from one in its first four rows only."""
+    c, s = math.cos(x[3]) * dt, math.sin(x[3]) * dt
+    G = np.zeros((4, 8))
+    G[0, 3], G[0, 4], G[0, 5] = -s * x[4] - c * x[5], c, -s
+    G[1, 3], G[1, 4], G[1, 5] = c * x[4] - s * x[5], s, c
+    G[2, 6], G[3, 7] = dt, dt
+    for i in range(4):
+        for j in range(4, 8):
+            x[i] += G[i, j] * x[j]
+    x[3] = _wrap(x[3])
+    # rows, then columns, in rising order: none is read after it changed
+    for i in range(4):
+        for j in range(3, 8):
+            for k in range(len(x)):
+                P[i, k] += G[i, j] * P[j, k]
+    for i in range(4):
+        for j in range(3, 8):
+            for k in range(len(x)):
+                P[k, i] += G[i, j] * P[k, j]
+    for j in range(4, 8):
+        q = accel_variance[j - 4]
+        P[j, j] += q * dt
+        for i in range(4):
+            P[i, j] += G[i, j] * q * dt / 2
+            P[j, i] += G[i, j] * q * dt / 2
+            for k in range(4):
+                P[i, k] += G[i, j] * G[k, j] * q * dt / 3
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _update(x: Array, P: Array, first: int, size: int, value: Array, variance: Array) -> float:
+    """Update in place, entry by entry; the terms of the normalised innovation add up."""
+    nis = 0.0
+    for e in range(size):
+        h = first + e
+        innovation, S = value[e] - x[h], P[h, h] + variance[e]
+        if h == 3:
+            innovation = _wrap(innovation)
+        nis += innovation * innovation / S
+        column = P[:, h].copy()
+        for i in range(len(x)):
+            x[i] += column[i] * innovation / S
+            for j in range(len(x)):
+                P[i, j] -= column[i] * column[j] / S
+    x[3] = _wrap(x[3])
+    return nis
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _wrap(angle: float) -> float:
+    return (angle + math.pi) % (2.0 * math.pi) - math.pi

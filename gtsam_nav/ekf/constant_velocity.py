@@ -1,0 +1,161 @@
+"""The constant-velocity filter in plain NumPy: what its compiled twin in ``_filter`` computes.
+
+State: n, e, d and yaw in the navigation frame, body velocities u, v, w and yaw rate r. Mallios et
+al., *Scan matching SLAM in underwater environments*, Autonomous Robots 36 (2014), section 3.1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gtsam_nav.frames import Array, wrap_angle
+from gtsam_nav.mission import BoolArray, IntArray
+
+DEPTH, YAW, VELOCITY, YAW_RATE = 2, 3, slice(4, 7), 7
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """Direct measurements of neighbouring entries of the state, in the order of time.
+
+    Attributes
+    ----------
+    t : ndarray, shape (m,)
+    first, size : ndarray of int, shape (m,)
+        Measurement k is of the entries ``first[k]`` to ``first[k] + size[k] - 1``.
+    value, variance : ndarray, shape (m, 4)
+        What is measured, and the variance of its white noise; zero beyond ``size``.
+    sensor : ndarray of int, shape (m,)
+        Index in ``names``.
+    row : ndarray of int, shape (m,)
+        Sample number in the source.
+    names : tuple of str
+        The sensors.
+    """
+
+    t: Array
+    first: IntArray
+    size: IntArray
+    value: Array
+    variance: Array
+    sensor: IntArray
+    row: IntArray
+    names: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+
+@dataclass(frozen=True)
+class Start:
+    """State (8,) and covariance (8, 8) at a time, s."""
+
+    t: float
+    x: Array
+    P: Array
+
+
+@dataclass(frozen=True)
+class Filtered:
+    """States (n, 8) and covariances (n, 8, 8) at the times asked for, and what became of each
+    measurement: its normalised innovation squared (m,) and whether it passed the gate (m,)."""
+
+    t: Array
+    x: Array
+    P: Array
+    nis: Array
+    used: BoolArray
+
+
+def run(
+    measurements: Measurements, start: Start, t: Array, gate: Array, accel_variance: Array
+) -> Filtered:
+    """Filter all measurements.
+
+    Parameters
+    ----------
+    measurements : Measurements
+        None before the start.
+    start : Start
+    t : ndarray, shape (n,)
+        When to record the state; a measurement of the same time comes after it.
+    gate : ndarray, shape (5,)
+        Largest normalised innovation squared of a measurement that is used, by its size.
+    accel_variance : ndarray, shape (4,)
+        Densities of the white acceleration of u, v, w and r; those of u and v are equal.
+    """
+    from gtsam_nav.ekf import _filter
+
+    z = measurements
+    x, P, nis = _filter.run(
+        z.t, z.first, z.size, z.value, z.variance, gate, t, start.t, start.x, start.P, accel_variance
+    )
+    return Filtered(t, x, P, nis, nis <= gate[z.size])
+
+
+def run_readable(
+    measurements: Measurements, start: Start, t: Array, gate: Array, accel_variance: Array
+) -> Filtered:
+    """The same as `run`, step by step."""
+    z = measurements
+    now, x, P = start.t, start.x, start.P
+    nis, used = np.zeros(len(z)), np.zeros(len(z), dtype=bool)
+    recorded: list[tuple[Array, Array]] = []
+    for k in range(len(z)):
+        while len(recorded) < len(t) and t[len(recorded)] <= z.t[k]:
+            x, P = predict(x, P, t[len(recorded)] - now, accel_variance)
+            now = t[len(recorded)]
+            recorded.append((x, P))
+        x, P = predict(x, P, z.t[k] - now, accel_variance)
+        now = z.t[k]
+        entries = np.arange(z.first[k], z.first[k] + z.size[k])
+        value, variance = z.value[k, : z.size[k]], z.variance[k, : z.size[k]]
+        x_new, P_new, nis[k] = update(x, P, entries, value, variance)
+        used[k] = nis[k] <= gate[z.size[k]]
+        if used[k]:
+            x, P = x_new, P_new
+    for t_left in t[len(recorded) :]:
+        x, P = predict(x, P, t_left - now, accel_variance)
+        now = t_left
+        recorded.append((x, P))
+    xs, Ps = zip(*recorded, strict=True)
+    return Filtered(t, np.array(xs), np.array(Ps), nis, used)
+
+
+def predict(x: Array, P: Array, dt: float, accel_variance: Array) -> tuple[Array, Array]:
+    """State and covariance after a while; the noise is integrated white acceleration."""
+    c, s = np.cos(x[YAW]), np.sin(x[YAW])
+    u, v = x[4], x[5]
+    B = np.eye(4)
+    B[:2, :2] = [[c, -s], [s, c]]
+    F = np.eye(8)
+    F[:4, 4:] = B * dt
+    F[0, YAW], F[1, YAW] = (-s * u - c * v) * dt, (c * u - s * v) * dt
+    x = x.copy()
+    x[:4] += B @ x[4:] * dt
+    x[YAW] = wrap_angle(x[YAW])
+    q = accel_variance
+    Q = np.empty((8, 8))
+    Q[:4, :4] = (B * q) @ B.T * dt**3 / 3
+    Q[:4, 4:] = B * q * dt**2 / 2
+    Q[4:, :4] = Q[:4, 4:].T
+    Q[4:, 4:] = np.diag(q * dt)
+    return x, F @ P @ F.T + Q
+
+
+def update(
+    x: Array, P: Array, entries: IntArray, value: Array, variance: Array
+) -> tuple[Array, Array, float]:
+    """Kalman update in Joseph form, and the normalised innovation squared."""
+    H = np.eye(8)[entries]
+    innovation = value - x[entries]
+    innovation = np.where(entries == YAW, wrap_angle(innovation), innovation)
+    S_inverse = np.linalg.inv(H @ P @ H.T + np.diag(variance))
+    K = P @ H.T @ S_inverse
+    x = x + K @ innovation
+    x[YAW] = wrap_angle(x[YAW])
+    left = np.eye(8) - K @ H
+    P = left @ P @ left.T + (K * variance) @ K.T
+    return x, P, float(innovation @ S_inverse @ innovation)
