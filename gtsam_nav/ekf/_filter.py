@@ -40,38 +40,38 @@ def run(
     m, n = len(t), len(t_record)
     x_record, P_record, nis = np.empty((n, 8)), np.empty((n, 8, 8)), np.empty(m)
     x, P, x_new, P_new = np.empty(8), np.empty((8, 8)), np.empty(8), np.empty((8, 8))
+    G = np.zeros((4, 8))
     _copy(x_start, P_start, x, P)
-    now, r = start_s, 0
-    for k in range(m + 1):
-        until = t[k] if k < m else np.inf
-        while r < n and t_record[r] <= until:
-            _predict(x, P, t_record[r] - now, accel_variance)
-            now = t_record[r]
+    now, k, r = start_s, 0, 0
+    while k < m or r < n:
+        recording = k == m or (r < n and t_record[r] <= t[k])
+        then = t_record[r] if recording else t[k]
+        _predict(x, P, G, then - now, accel_variance)
+        now = then
+        if recording:
             _copy(x, P, x_record[r], P_record[r])
             r += 1
-        if k < m:
-            _predict(x, P, t[k] - now, accel_variance)
-            now = t[k]
+        else:
             _copy(x, P, x_new, P_new)
             nis[k] = _update(x_new, P_new, first[k], size[k], value[k], variance[k])
             if nis[k] <= gate[size[k]]:
-                _copy(x_new, P_new, x, P)
+                x, P, x_new, P_new = x_new, P_new, x, P
+            k += 1
     return x_record, P_record, nis
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _copy(x: Array, P: Array, x_to: Array, P_to: Array) -> None:
-    for i in range(len(x)):
+    for i in range(8):
         x_to[i] = x[i]
-        for j in range(len(x)):
+        for j in range(8):
             P_to[i, j] = P[i, j]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _predict(x: Array, P: Array, dt: float, accel_variance: Array) -> None:
-    """``P := F P F' + Q`` in place, F differing from one in its first four rows only."""
+def _predict(x: Array, P: Array, G: Array, dt: float, accel_variance: Array) -> None:
+    """``P := F P F' + Q`` in place; G takes the first four rows of F less the identity."""
     c, s = math.cos(x[3]) * dt, math.sin(x[3]) * dt
-    G = np.zeros((4, 8))
     G[0, 3], G[0, 4], G[0, 5] = -s * x[4] - c * x[5], c, -s
     G[1, 3], G[1, 4], G[1, 5] = c * x[4] - s * x[5], s, c
     G[2, 6], G[3, 7] = dt, dt
@@ -82,11 +82,11 @@ def _predict(x: Array, P: Array, dt: float, accel_variance: Array) -> None:
     # rows, then columns, in rising order: none is read after it changed
     for i in range(4):
         for j in range(3, 8):
-            for k in range(len(x)):
+            for k in range(8):
                 P[i, k] += G[i, j] * P[j, k]
     for i in range(4):
         for j in range(3, 8):
-            for k in range(len(x)):
+            for k in range(8):
                 P[k, i] += G[i, j] * P[k, j]
     for j in range(4, 8):
         q = accel_variance[j - 4]
@@ -109,9 +109,9 @@ def _update(x: Array, P: Array, first: int, size: int, value: Array, variance: A
             innovation = _wrap(innovation)
         nis += innovation * innovation / S
         column = P[:, h].copy()
-        for i in range(len(x)):
+        for i in range(8):
             x[i] += column[i] * innovation / S
-            for j in range(len(x)):
+            for j in range(8):
                 P[i, j] -= column[i] * column[j] / S
     x[3] = _wrap(x[3])
     return nis

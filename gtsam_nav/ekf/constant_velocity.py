@@ -90,7 +90,17 @@ def run(
 
     z = measurements
     x, P, nis = _filter.run(
-        z.t, z.first, z.size, z.value, z.variance, gate, t, start.t, start.x, start.P, accel_variance
+        z.t,
+        z.first,
+        z.size,
+        z.value,
+        z.variance,
+        gate,
+        t,
+        start.t,
+        start.x,
+        start.P,
+        accel_variance,
     )
     return Filtered(t, x, P, nis, nis <= gate[z.size])
 

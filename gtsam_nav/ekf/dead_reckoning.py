@@ -88,7 +88,7 @@ def _accel_variance(settings: MotionSettings) -> Array:
 
 def _record_times(start_s: float, stop_s: float, rate_hz: float) -> Array:
     t = start_s + np.arange(int((stop_s - start_s) * rate_hz) + 2) * (1.0 / rate_hz)
-    return t[t <= stop_s]
+    return np.asarray(t[t <= stop_s], dtype=float)
 
 
 def collect_measurements(
@@ -105,11 +105,17 @@ def collect_measurements(
     rejections: list[Rejection] = []
     for dvl in mission.of_type("dvl"):
         omega_b = angular_rate_b(mission, dvl.series.t)
-        samples = body_velocities(dvl, omega_b, settings.water_lock_after_s)
-        rejections += samples.rejections
-        variance = np.tile(samples.sigma[:, None] ** 2, 3)
+        velocities = body_velocities(dvl, omega_b, settings.water_lock_after_s)
+        rejections += velocities.rejections
         parts.append(
-            _part(dvl.name, samples.t, samples.row, VELOCITY.start, samples.v_b, variance)
+            _part(
+                dvl.name,
+                velocities.t,
+                velocities.row,
+                VELOCITY.start,
+                velocities.v_b,
+                np.tile(velocities.sigma[:, None] ** 2, 3),
+            )
         )
     if not any(map(len, parts)):
         parts += _odometry(mission)
@@ -196,9 +202,7 @@ def _gated(z: Measurements, filtered: Filtered) -> Iterator[Rejection]:
 
 def _innovations(z: Measurements, filtered: Filtered) -> dict[str, Innovations]:
     """Normalised innovations squared of what was used, by sensor."""
-    used = {
-        name: np.flatnonzero(filtered.used & (z.sensor == k)) for k, name in enumerate(z.names)
-    }
+    used = {name: np.flatnonzero(filtered.used & (z.sensor == k)) for k, name in enumerate(z.names)}
     return {
         name: Innovations(z.t[own], filtered.nis[own], int(z.size[own[0]]))
         for name, own in used.items()
@@ -213,8 +217,8 @@ def _trajectory(filtered: Filtered, mission: Mission) -> Trajectory:
         raise EstimationError("dead reckoning diverged: the state is not finite")
     tilt, sigma_tilt = tilt_at(mission, t)
     cov = np.zeros((len(t), 6, 6))
-    planar = [0, 1, 2, 5]
-    cov[np.ix_(np.arange(len(t)), planar, planar)] = P[:, :4, :4]
+    planar = np.array([0, 1, 2, 5])
+    cov[:, planar[:, None], planar] = P[:, :4, :4]
     cov[:, 3, 3] = cov[:, 4, 4] = sigma_tilt**2
     c, s, o = np.cos(x[:, YAW]), np.sin(x[:, YAW]), np.zeros(len(t))
     R_level = np.stack(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -63,26 +64,41 @@ def local_lines(
     return normal, is_line
 
 
-@numba.njit(cache=True, error_model="numpy")
-def grid(xy: Array, cell: float) -> tuple[IntArray, IntArray, IntArray, IntArray, int, int]:
-    """Bucket points into square cells: cell of each in x and y, points by cell, cell bounds."""
-    cx = ((xy[:, 0] - xy[:, 0].min()) / cell).astype(np.int64)
-    cy = ((xy[:, 1] - xy[:, 1].min()) / cell).astype(np.int64)
-    nx, ny = cx.max() + 1, cy.max() + 1
+class Grid(NamedTuple):
+    """Points bucketed into square cells.
+
+    Points ``order[first[c]:first[c + 1]]`` lie in cell ``c = cx * ny + cy``; each point's own
+    cell is (cx, cy).
+    """
+
+    cx: IntArray
+    cy: IntArray
+    nx: int
+    ny: int
+    order: IntArray
+    first: IntArray
+
+
+def grid(xy: Array, cell: float) -> Grid:
+    """Bucket points (k, 2); neighbours within ``cell`` lie in the same or an adjacent cell."""
+    cx, cy = ((xy - xy.min(axis=0)) / cell).astype(np.int64).T
+    nx, ny = int(cx.max()) + 1, int(cy.max()) + 1
     index = cx * ny + cy
-    order = np.argsort(index, kind="mergesort")
+    order = np.argsort(index, kind="stable")
     first = np.searchsorted(index[order], np.arange(nx * ny + 1))
-    return cx, cy, order, first, nx, ny
+    return Grid(np.ascontiguousarray(cx), np.ascontiguousarray(cy), nx, ny, order, first)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def fixed_points(xy: Array, normal: Array, is_line: BoolArray, radius: float) -> BoolArray:
+def fixed_points(
+    xy: Array, cells: Grid, normal: Array, is_line: BoolArray, radius: float
+) -> BoolArray:
     """Echoes that fix a place in both directions: scatterers and corners, not stray wall echoes.
 
     Seen by all scans together, what surrounds an echo of a wall is mostly one wall; at a corner
     the walls differ in direction, and a scatterer stands alone.
     """
-    cx, cy, order, first, nx, ny = grid(xy, radius)
+    cx, cy, nx, ny, order, first = cells
     out = np.zeros(len(xy), np.bool_)
     for i in range(len(xy)):
         if is_line[i]:
@@ -110,6 +126,7 @@ def fixed_points(xy: Array, normal: Array, is_line: BoolArray, radius: float) ->
 @numba.njit(cache=True, error_model="numpy")
 def partners(
     xy: Array,
+    cells: Grid,
     scan: IntArray,
     n_scans: int,
     scan_xy: Array,
@@ -129,7 +146,7 @@ def partners(
         Pairs, sorted by i and then by the scan of j.
     """
     n = len(xy)
-    cx, cy, order, first, nx, ny = grid(xy, gate)
+    cx, cy, nx, ny, order, first = cells
     out_i, out_j = np.empty(n * 8, np.int64), np.empty(n * 8, np.int64)
     count = 0
     best = np.full(n_scans, -1, np.int64)
@@ -165,21 +182,43 @@ def partners(
                         touched[n_touched] = s
                         n_touched += 1
                     best[s], best_d2[s] = j, d2
-        chosen = np.sort(touched[:n_touched])
         if count + n_touched > len(out_i):
-            out_i = np.concatenate((out_i, np.empty(len(out_i), np.int64)))
-            out_j = np.concatenate((out_j, np.empty(len(out_j), np.int64)))
-        for s in chosen:
+            out_i, out_j = _doubled(out_i), _doubled(out_j)
+        _sort(touched, n_touched)
+        for k in range(n_touched):
+            s = touched[k]
             out_i[count], out_j[count] = i, best[s]
             count += 1
             best[s] = -1
     return out_i[:count].copy(), out_j[:count].copy()
 
 
+@numba.njit(cache=True)
+def _doubled(values: IntArray) -> IntArray:
+    longer = np.empty(2 * len(values), np.int64)
+    longer[: len(values)] = values
+    return longer
+
+
+@numba.njit(cache=True)
+def _sort(values: IntArray, n: int) -> None:
+    """Insertion sort of the first n values: they are few, and compiling a library sort is slow."""
+    for k in range(1, n):
+        value, m = values[k], k
+        while m > 0 and values[m - 1] > value:
+            values[m] = values[m - 1]
+            m -= 1
+        values[m] = value
+
+
 @numba.njit(cache=True, error_model="numpy")
 def mutual(i: IntArray, j: IntArray, scan: IntArray, n: int) -> BoolArray:
     """Which pairs are each other's choice."""
-    first = np.searchsorted(i, np.arange(n + 1))
+    first = np.zeros(n + 1, np.int64)
+    for m in range(len(i)):
+        first[i[m] + 1] += 1
+    for k in range(n):
+        first[k + 1] += first[k]
     keep = np.zeros(len(i), np.bool_)
     for m in range(len(i)):
         for k in range(first[j[m]], first[j[m] + 1]):
@@ -229,8 +268,9 @@ def correlation_excess(
         Residuals count no further than this.
     """
     variance = 0.0
-    clipped = np.minimum(np.maximum(residual, -clip), clip)
+    clipped = np.empty(len(residual))
     for m in range(len(clipped)):
+        clipped[m] = min(max(residual[m], -clip), clip)
         variance += clipped[m] * clipped[m]
     if variance <= 0.0:
         return 1.0

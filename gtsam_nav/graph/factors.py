@@ -18,8 +18,8 @@ from gtsam_nav.mission import ImuSeries, Sensor
 from gtsam_nav.sensors.noise import ImuNoise
 
 STANDARD_GRAVITY_M_S2 = 9.80665
-PIN_PRECISION = 1e4
-"""Precision that holds the meaningless components of a compass frame."""
+PIN_PRECISION = 1e8
+"""Precision that holds the meaningless components of a compass or GNSS-error frame."""
 
 __all__ = ["B", "G", "M", "X"]  # symbols of IMU bias, GNSS error, compass frame and keyframe
 
@@ -90,7 +90,7 @@ def gnss_with_error(error: int, key: int, p_n: Array, sigma: Array, huber_k: flo
 
 def gnss_error_prior(key: int, precision: float) -> Any:
     """A shared GNSS error about zero: a frame of which only the position means anything."""
-    noise = precisions([PIN_PRECISION] * 3 + [precision] * 3 + [1.0] * 3)
+    noise = precisions([PIN_PRECISION] * 3 + [precision] * 3 + [PIN_PRECISION] * 3)
     return gtsam.PriorFactorNavState(key, gtsam.NavState(), noise)
 
 
@@ -118,7 +118,7 @@ def tilt(key: int, rpy: Array, sigma: float, huber_k: float) -> Any:
 def compass_prior(key: int, sigma: float) -> Any:
     """A compass frame: all but its yaw pinned to the navigation frame."""
     pins = [PIN_PRECISION, PIN_PRECISION, 1 / sigma**2 if sigma > 0 else PIN_PRECISION]
-    return gtsam.PriorFactorNavState(key, gtsam.NavState(), precisions(pins + [1.0] * 6))
+    return gtsam.PriorFactorNavState(key, gtsam.NavState(), precisions(pins + [PIN_PRECISION] * 6))
 
 
 def compass_link(a: int, b: int, yaw_precision: float) -> Any:
@@ -129,7 +129,7 @@ def compass_link(a: int, b: int, yaw_precision: float) -> Any:
 
 def compass_pin(key: int) -> Any:
     """Pins all but the yaw of a compass frame, which `compass_link` then governs."""
-    noise = precisions([PIN_PRECISION, PIN_PRECISION, 0.0] + [1.0] * 6)
+    noise = precisions([PIN_PRECISION, PIN_PRECISION, 0.0] + [PIN_PRECISION] * 6)
     return gtsam.PriorFactorNavState(key, gtsam.NavState(), noise)
 
 

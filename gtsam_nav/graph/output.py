@@ -16,35 +16,32 @@ from gtsam_nav.frames import (
 from gtsam_nav.graph.factors import B, M, X
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.scan_matching import ScanMatch
-from gtsam_nav.graph.sensor_posterior import SensorPosterior
+from gtsam_nav.graph.sensor_posterior import SensorPosterior, free_part
 from gtsam_nav.mission import IntArray
 from gtsam_nav.solution import LoopClosure, PoseGraph, PoseGraphEdge, SlowStates
 from gtsam_nav.trajectory import Trajectory
 
 
-def marginal_covariances(graph: Any, values: Any, keys: list[int]) -> list[Array]:
-    """Marginal covariance of each variable in its tangent space."""
-    marginals = gtsam.Marginals(graph, values)
-    return [np.asarray(marginals.marginalCovariance(key)) for key in keys]
-
-
 def smoothed_covariances(
     graph: Any, keys: list[int], posterior: SensorPosterior, A: Array
 ) -> list[Array]:
-    """Marginal covariances with the velocity's constant errors and the sonar's information A.
+    """Marginal covariances of the variables' free parts, all information and errors together.
+
+    The velocity's constant errors add ``U U'``, the sonar's information A takes ``C W C'``:
 
     ``P + U U' - C W C'`` with C the cross covariance of a variable with the planar poses and
     ``W = A - A (P_p^-1 + A)^-1 A``.
     """
-    covariances = marginal_covariances(graph, posterior.values, keys)
+    marginals = gtsam.Marginals(graph, posterior.values)
     CW = np.zeros_like(posterior.cross)
     if np.any(A):
         total = np.linalg.inv(posterior.planar_cov) + A
         W = A - A @ np.linalg.solve(total, A)
         CW = posterior.cross @ (0.5 * (W + W.T))
     updated = []
-    for key, cov in zip(keys, covariances, strict=True):
-        own = posterior.columns[key]
+    for key in keys:
+        own, free = posterior.columns[key], free_part(key)
+        cov = np.asarray(marginals.marginalCovariance(key))[free, free]
         spread = posterior.calibration.spread[own]
         whole = cov + spread @ spread.T - CW[own] @ posterior.cross[own].T
         updated.append(0.5 * (whole + whole.T))
@@ -119,7 +116,7 @@ def slow_states(problem: Problem, values: Any, covariances: dict[int, Array]) ->
     if problem.has_compass:
         # the compass frame's yaw is what must be added to the reading
         yaw = np.array([values.atNavState(M(k)).attitude().yaw() for k in index])
-        sigma = np.sqrt([covariances[M(k)][2, 2] for k in index])
+        sigma = np.sqrt([covariances[M(k)][0, 0] for k in index])
         columns["heading_bias_rad"] = (-yaw, sigma)
     if problem.uses_imu:
         vectors = np.array([values.atConstantBias(B(k)).vector() for k in index])

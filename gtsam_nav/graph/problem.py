@@ -26,6 +26,8 @@ from gtsam_nav.sensors.noise import (
 )
 from gtsam_nav.sensors.orientation import headings_true, tilt_at
 
+VAGUE_M = 1e3
+"""Spread of a start position that the sensors' own factors know better."""
 MAX_IMU_GAP_S = 0.2
 """An interval with a longer silence of the IMU is bridged by the other sensors."""
 
@@ -97,30 +99,33 @@ class Problem:
         """Initial IMU bias, as GTSAM holds it."""
         return gtsam.imuBias.ConstantBias(np.zeros(3), self.gyro_bias_i)
 
+    def __post_init__(self) -> None:
+        self.p_n, self.rpy = self.motion.at(self.t)
+        self.R_nb = rotation_from_rpy(self.rpy)
+        columns = [np.interp(self.t, self.motion.t, axis) for axis in self.motion.v_b.T]
+        self.v_b = np.stack(columns, axis=1)
+
     def initial_state(self, k: int) -> Any:
         """Keyframe k as the vehicle's own motion has it."""
-        p_n, rpy = self.motion.at(self.t[k : k + 1])
-        R_nb = rotation_from_rpy(rpy[0])
-        v_b = [np.interp(self.t[k], self.motion.t, axis) for axis in self.motion.v_b.T]
-        return factors.nav_state(R_nb, p_n[0], R_nb @ np.array(v_b))
+        return factors.nav_state(self.R_nb[k], self.p_n[k], self.R_nb[k] @ self.v_b[k])
 
     def increment(self, a: int, b: int) -> tuple[Array, Array]:
         """Rotation and displacement of keyframe b in keyframe a by the vehicle's own motion."""
-        p_n, rpy = self.motion.at(self.t[[a, b]])
-        R_a, R_b = rotation_from_rpy(rpy)
-        return R_a.T @ R_b, R_a.T @ (p_n[1] - p_n[0])
+        R_a = self.R_nb[a]
+        return R_a.T @ self.R_nb[b], R_a.T @ (self.p_n[b] - self.p_n[a])
 
     def planar_increment(self, a: int, b: int) -> PlanarPose:
         """Keyframe b in keyframe a by the vehicle's own motion, with its uncertainty."""
-        p_n, rpy = self.motion.at(self.t[[a, b]])
-        c, s = np.cos(rpy[0, 2]), np.sin(rpy[0, 2])
+        c, s = np.cos(self.rpy[a, 2]), np.sin(self.rpy[a, 2])
         dt = self.t[b] - self.t[a]
         position, yaw = (
             self.motion.position_variance_m2_s * dt,
             self.motion.yaw_variance_rad2_s * dt,
         )
-        ne = np.array([[c, s], [-s, c]]) @ (p_n[1] - p_n[0])[:2]
-        return PlanarPose(ne, float(rpy[1, 2] - rpy[0, 2]), np.diag([position, position, yaw]))
+        ne = np.array([[c, s], [-s, c]]) @ (self.p_n[b] - self.p_n[a])[:2]
+        return PlanarPose(
+            ne, float(self.rpy[b, 2] - self.rpy[a, 2]), np.diag([position, position, yaw])
+        )
 
     def add(self, k: int, sensor: str, factor: Any) -> None:
         """Let keyframe k bring one more factor."""
@@ -141,10 +146,10 @@ def build_problem(
         has_compass=headings is not None,
         calibration_sigma=_calibration_sigma(mission),
     )
-    _add_start(problem, start)
+    _add_start(problem, mission, start)
     _add_increments(problem, config, imu is None and headings is None)
     if imu is not None:
-        _add_imu(problem, mission, imu)
+        _add_imu(problem, mission, imu, config)
     else:
         _add_velocities(problem, config)
     if headings is not None:
@@ -164,13 +169,15 @@ def _preintegrable_imu(mission: Mission, min_rate_hz: float) -> Sensor | None:
     return None
 
 
-def _add_start(problem: Problem, start: Alignment) -> None:
-    sigma_rpy = start.sigma_rpy.copy()
-    if problem.has_compass:
-        sigma_rpy[2] = np.pi  # the compass is a factor of its own: used once
-    prior = factors.start_prior(
-        X(0), problem.initial_state(0), start.R_nb, sigma_rpy, start.sigma_p
-    )
+def _add_start(problem: Problem, mission: Mission, start: Alignment) -> None:
+    # what is a factor of its own must not count twice
+    sigma_rpy, sigma_p = start.sigma_rpy.copy(), start.sigma_p.copy()
+    if problem.has_compass and mission.initial.heading is None:
+        sigma_rpy[2] = np.pi
+    if mission.first("gnss") is not None and mission.initial.p_n is None:
+        sigma_p[:2] = VAGUE_M
+    sigma_p[2] = VAGUE_M
+    prior = factors.start_prior(X(0), problem.initial_state(0), start.R_nb, sigma_rpy, sigma_p)
     problem.add(0, "start", prior)
 
 
@@ -206,12 +213,12 @@ def _add_velocities(problem: Problem, config: Config) -> None:
     """Velocity of each keyframe, which without an IMU touches nothing else."""
     motion = problem.motion
     for k, t in enumerate(problem.t):
-        v_b = np.array([np.interp(t, motion.t, axis) for axis in motion.v_b.T])
         sigma = float(np.interp(t, motion.t, motion.sigma_v))
-        problem.add(k, "velocity", factors.velocity(X(k), v_b, sigma, config.graph.huber_k))
+        factor = factors.velocity(X(k), problem.v_b[k], sigma, config.graph.huber_k)
+        problem.add(k, "velocity", factor)
 
 
-def _add_imu(problem: Problem, mission: Mission, imu: Sensor) -> None:
+def _add_imu(problem: Problem, mission: Mission, imu: Sensor, config: Config) -> None:
     """Preintegrated readings between keyframes, and the random walk of their bias."""
     series = imu.series
     assert isinstance(series, ImuSeries)
@@ -236,7 +243,7 @@ def _add_imu(problem: Problem, mission: Mission, imu: Sensor) -> None:
             pim = factors.preintegrate(series, parameters, bias, from_s, to_s)
             problem.add(k, "imu", gtsam.ImuFactor2(X(k - 1), X(k), B(k - 1), pim))
         else:
-            _bridge_imu_gap(problem, k)
+            _bridge_imu_gap(problem, k, config.graph.huber_k)
 
 
 def _covered(imu: ImuSeries, from_s: float, to_s: float) -> bool:
@@ -245,11 +252,11 @@ def _covered(imu: ImuSeries, from_s: float, to_s: float) -> bool:
     return bool(np.max(np.diff(marks)) <= MAX_IMU_GAP_S)
 
 
-def _bridge_imu_gap(problem: Problem, k: int) -> None:
+def _bridge_imu_gap(problem: Problem, k: int, huber_k: float) -> None:
     """Without inertial readings the velocity comes from the motion's own smoothed one."""
-    t, motion = problem.t[k], problem.motion
-    v_b = np.array([np.interp(t, motion.t, axis) for axis in motion.v_b.T])
-    problem.add(k, "velocity", factors.velocity(X(k), v_b, 0.3, 1.345))
+    sigma = float(np.interp(problem.t[k], problem.motion.t, problem.motion.sigma_v))
+    factor = factors.velocity(X(k), problem.v_b[k], sigma, huber_k)
+    problem.add(k, "velocity", factor)
 
 
 def _add_headings(problem: Problem, mission: Mission, config: Config) -> None:

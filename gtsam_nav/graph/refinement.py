@@ -33,6 +33,8 @@ LEAST_SPREAD2 = 0.05
 """Residuals may be this much smaller in variance than the echoes' stated noise."""
 MAX_LAG = 30
 """Echoes further apart in a scan than this many are taken to err independently."""
+SHARED_ERROR_EVERY = 5
+"""Iterations between two measurements of how far echoes err together."""
 MAX_RELINEARISATIONS = 6
 CONVERGED_STEP = 1e-3
 MAX_KNOT_SPACING_S = 20.0
@@ -131,6 +133,7 @@ class JointRefinement:
         self._ne, self._yaw = p_n[:, :2], rpy[:, 2]
         p_n, rpy = motion.at(t_keyframes[self.knots.keyframes])
         self._knot_ne, self._knot_yaw = p_n[:, :2], rpy[:, 2]
+        self._rounds, self._excess = 0, 1.0
         self._scan_knot = np.searchsorted(t_keyframes[self.knots.keyframes], turns.t_ref)
 
     def run(self, graph: Any, values: Any, progress: Progress) -> Refined:
@@ -180,7 +183,6 @@ class JointRefinement:
             narrow = gate <= self.settings.last_gate_m
             settled = narrow and float(np.max(np.abs(step[:, :2]))) < self.settings.converged_m
             gate = max(gate * self.settings.gate_factor, self.settings.last_gate_m)
-            log.debug("shared error %.2f", self.shared_error)
             log.debug(
                 "refinement: largest step %.3f m at knot %d",
                 np.max(np.abs(step[:, :2])),
@@ -201,6 +203,7 @@ class JointRefinement:
         from gtsam_nav.graph._echo_kernel import (
             accumulate,
             fixed_points,
+            grid,
             local_lines,
             partners,
             squared_residuals,
@@ -210,9 +213,12 @@ class JointRefinement:
         s = self.settings
         normal, is_line = local_lines(xy, self.scan_first, s.line_radius_m, s.line_thickness_m)
         vehicle = knots[self._scan_knot, :2]
-        eligible = is_line | fixed_points(xy, normal, is_line, s.point_radius_m)
+        eligible = is_line | fixed_points(
+            xy, grid(xy, s.point_radius_m), normal, is_line, s.point_radius_m
+        )
         i, j = partners(
             xy,
+            grid(xy, gate),
             self.scan,
             len(vehicle),
             vehicle,
@@ -225,8 +231,10 @@ class JointRefinement:
         i, j = self._keep_trusted_points(i, j, is_line)
         d2 = squared_residuals(i, j, xy, cov, normal, is_line)
         weight = self._weights(i, d2, is_line)
-        self.shared_error = self._shared_error(i, j, xy, vehicle, normal, is_line)
-        weight /= self.shared_error
+        if self._rounds % SHARED_ERROR_EVERY == 0:
+            self._excess = self._shared_error(i, j, xy, vehicle, normal, is_line)
+        self._rounds += 1
+        weight /= self._excess
         intervals, block = np.unique(
             self.knots.knot[i] * len(knots) + self.knots.knot[j], return_inverse=True
         )

@@ -81,7 +81,10 @@ class SensorPosterior:
         """Values after a step."""
         delta = gtsam.VectorValues()
         for key, own in self.columns.items():
-            delta.insert(key, step[own])
+            width, free = _tangent(key)
+            whole = np.zeros(width)
+            whole[free] = step[own]
+            delta.insert(key, whole)
         return self.values.retract(delta)
 
 
@@ -102,12 +105,12 @@ def sensor_posterior(
     from scipy.sparse import csc_array
     from scipy.sparse.linalg import splu
 
-    columns = _columns(values)
-    n = max(own.stop for own in columns.values())
+    columns, free = _columns(values)
+    n = len(free)
     i, j, s = graph.linearize(values).sparseJacobian_()
     entries = (s, (i.astype(np.int64) - 1, j.astype(np.int64) - 1))
-    augmented = csc_array(entries, shape=(int(i.max()), n + 1))
-    jacobian, b = augmented[:, :n], augmented[:, [n]].toarray()[:, 0]
+    augmented = csc_array(entries, shape=(int(i.max()), int(j.max())))
+    jacobian, b = augmented[:, free], augmented[:, [-1]].toarray()[:, 0]
     order = _order_in_time(columns)
     H = (jacobian.T @ jacobian).tocsc()[order][:, order]
     try:
@@ -167,14 +170,32 @@ def _calibration_coupling(
     return h, h_dd, g_d
 
 
-def _columns(values: Any) -> dict[int, slice]:
-    """Columns of each variable, in the order of keys that GTSAM linearises in."""
-    columns, first = {}, 0
+def _tangent(key: int) -> tuple[int, slice]:
+    """Width of a variable's tangent, and which part of it is free.
+
+    Of a compass frame only the yaw is, of a GNSS error only the position; the rest is pinned.
+    """
+    kind = chr(gtsam.Symbol(key).chr())
+    if kind == "b":
+        return 6, slice(0, 6)
+    return 9, {"m": slice(2, 3), "g": slice(3, 6)}.get(kind, slice(0, 9))
+
+
+def free_part(key: int) -> slice:
+    """Which components of a variable's tangent are free."""
+    return _tangent(key)[1]
+
+
+def _columns(values: Any) -> tuple[dict[int, slice], IntArray]:
+    """Columns of each variable's free part, and where these stand in GTSAM's own order of keys."""
+    columns, kept, first, first_kept = {}, [], 0, 0
     for key in sorted(values.keys()):
-        width = 6 if chr(gtsam.Symbol(key).chr()) == "b" else 9
-        columns[key] = slice(first, first + width)
-        first += width
-    return columns
+        width, free = _tangent(key)
+        index = np.arange(width)[free]
+        columns[key] = slice(first_kept, first_kept + len(index))
+        kept.append(first + index)
+        first, first_kept = first + width, first_kept + len(index)
+    return columns, np.concatenate(kept)
 
 
 def _order_in_time(columns: dict[int, slice]) -> IntArray:

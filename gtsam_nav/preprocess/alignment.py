@@ -14,6 +14,12 @@ from gtsam_nav.sensors.orientation import headings_true, tilt_at
 UNKNOWN_SIGMA_M = 1.0
 """Spread of a start that only defines the local frame."""
 
+UNKNOWN_SPEED_M_S = 1.0
+"""How fast the vehicle may have moved before a first fix that came late."""
+
+PUNCTUAL_S = 2.0
+"""A first fix within so short a time counts as the start's."""
+
 
 @dataclass(frozen=True)
 class Alignment:
@@ -63,12 +69,14 @@ def align(mission: Mission) -> Alignment:
     heading, sigma_heading = _heading(mission)
     tilt, sigma_tilt = _tilt(mission, start)
     rpy = np.array([*tilt, heading])
-    p_n, sigma_p, georeferenced = _position(mission, rotation_from_rpy(rpy))
+    R_nb = rotation_from_rpy(rpy)
+    p_n, sigma_p, georeferenced = _position(mission, start, R_nb)
     depth = mission.first("depth")
     if depth is not None:
         series = depth.series
         assert isinstance(series, DepthSeries)
-        p_n[2], sigma_p[2] = series.depth_m[0], series.sigma[0]
+        p_n[2] = series.depth_m[0] - R_nb[2] @ depth.xyz_b
+        sigma_p[2] = series.sigma[0]
     sigma_rpy = np.array([sigma_tilt, sigma_tilt, sigma_heading])
     return Alignment(start, p_n, sigma_p, rpy, sigma_rpy, georeferenced)
 
@@ -120,7 +128,7 @@ def at_rest(mission: Mission, start: float, window_s: float = 2.0) -> bool:
     return bool(steady and abs(force - 9.81) < 0.5)
 
 
-def _position(mission: Mission, R_nb: Array) -> tuple[Array, Array, bool]:
+def _position(mission: Mission, start: float, R_nb: Array) -> tuple[Array, Array, bool]:
     initial = mission.initial
     if initial.p_n is not None:
         return np.array(initial.p_n, dtype=float), np.full(3, initial.sigma_p), True
@@ -129,4 +137,5 @@ def _position(mission: Mission, R_nb: Array) -> tuple[Array, Array, bool]:
         return np.zeros(3), np.full(3, UNKNOWN_SIGMA_M), False
     series = gnss.series
     assert isinstance(series, GnssSeries)
-    return series.p_n[0] - R_nb @ gnss.xyz_b, series.sigma[0].copy(), True
+    moved_m = UNKNOWN_SPEED_M_S * max(series.t[0] - start - PUNCTUAL_S, 0.0)
+    return series.p_n[0] - R_nb @ gnss.xyz_b, np.hypot(series.sigma[0], moved_m), True

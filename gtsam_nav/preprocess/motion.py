@@ -14,6 +14,7 @@ import numpy as np
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, quaternion_from_rpy, rotation_from_rpy
 from gtsam_nav.mission import (
+    BoolArray,
     HeadingSeries,
     ImuSeries,
     Mission,
@@ -22,7 +23,7 @@ from gtsam_nav.mission import (
 )
 from gtsam_nav.preprocess.alignment import Alignment
 from gtsam_nav.preprocess.settings import MotionSettings
-from gtsam_nav.sensors.dvl import body_velocities
+from gtsam_nav.sensors.dvl import BodyVelocities, body_velocities
 from gtsam_nav.sensors.noise import ImuNoise
 from gtsam_nav.sensors.orientation import headings_true, tilt_at
 from gtsam_nav.sensors.prediction import chi2_limit
@@ -80,9 +81,12 @@ class VehicleMotion:
 
     def at(self, t: Array) -> tuple[Array, Array]:
         """Position (k, 3) and roll, pitch, unwrapped yaw (k, 3) at given times."""
-        both = np.hstack([self.p_n, self.rpy])
-        values = np.stack([np.interp(t, self.t, column) for column in both.T], axis=1)
-        return values[:, :3], values[:, 3:]
+        i = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, max(len(self.t) - 2, 0))
+        j = np.minimum(i + 1, len(self.t) - 1)
+        span = np.maximum(self.t[j] - self.t[i], 1e-12)
+        f = np.clip((t - self.t[i]) / span, 0.0, 1.0)[:, None]
+        p_n = (1 - f) * self.p_n[i] + f * self.p_n[j]
+        return p_n, (1 - f) * self.rpy[i] + f * self.rpy[j]
 
 
 def vehicle_motion(mission: Mission, start: Alignment, settings: MotionSettings) -> VehicleMotion:
@@ -113,34 +117,33 @@ def _velocities(
     mission: Mission, t: Array, settings: MotionSettings
 ) -> tuple[Array, Array, float, tuple[Rejection, ...]]:
     """Smoothed body velocity on the grid, its sigma, and the random walk that its noise makes."""
-    t_z, v_z, sigma_z, row, sensor, rejections = _velocity_readings(mission, settings)
+    z, rejections = _velocity_readings(mission, settings)
     densities = np.array(
         [settings.sigma_accel_m_s2, settings.sigma_accel_m_s2, settings.sigma_vertical_accel_m_s2]
     )
     gate = chi2_limit(SPIKE_PROBABILITY, 1)
-    variance = sigma_z**2
-    smoothed = _smooth_each_axis(t_z, v_z, variance, densities**2, gate)
-    v_b = np.stack([np.interp(t, t_z, level) for level, _, _ in smoothed], axis=1)
-    sigma_v = np.sqrt(np.interp(t, t_z, smoothed[0][1]))
+    smoothed = _smooth_each_axis(z, densities**2, gate)
+    v_b = np.stack([np.interp(t, z.t, level) for level, _, _ in smoothed], axis=1)
+    sigma_v = np.sqrt(np.interp(t, z.t, smoothed[0][1]))
     used = np.all([used for _, _, used in smoothed], axis=0)
     spikes = tuple(
-        Rejection(float(t_z[k]), sensor, int(row[k]), "velocity spike")
+        Rejection(float(z.t[k]), z.sensor, int(z.row[k]), "velocity spike")
         for k in np.flatnonzero(~used)
     )
     # white readings every dt integrate to a random walk of variance sigma^2 dt per second
-    position_variance = float(np.median(variance) * np.median(np.diff(t_z)))
+    position_variance = float(np.median(z.sigma**2) * np.median(np.diff(z.t)))
     return v_b, sigma_v, position_variance, (*rejections, *spikes)
 
 
 def _smooth_each_axis(
-    t: Array, v: Array, variance: Array, densities: Array, gate: float
-) -> list[tuple[Array, Array, Array]]:
+    z: BodyVelocities, densities: Array, gate: float
+) -> list[tuple[Array, Array, BoolArray]]:
     from gtsam_nav.preprocess._trend import smooth_trend
 
     out = []
     for axis in range(3):
         level, _, level_variance, used = smooth_trend(
-            t, np.ascontiguousarray(v[:, axis]), variance, densities[axis], 0.0, 0.0, gate
+            z.t, np.ascontiguousarray(z.v_b[:, axis]), z.sigma**2, densities[axis], 0.0, 0.0, gate
         )
         out.append((level, level_variance, used))
     return out
@@ -148,20 +151,22 @@ def _smooth_each_axis(
 
 def _velocity_readings(
     mission: Mission, settings: MotionSettings
-) -> tuple[Array, Array, Array, Array, str, tuple[Rejection, ...]]:
-    dvl, odometry = mission.first("dvl"), mission.first("odometry")
+) -> tuple[BodyVelocities, tuple[Rejection, ...]]:
+    """Readings of the first DVL that has two, else of the odometry; and those left out."""
     rejections: tuple[Rejection, ...] = ()
-    if dvl is not None:
+    for dvl in mission.of_type("dvl"):
         omega_b = angular_rate_b(mission, dvl.series.t)
-        samples = body_velocities(dvl, omega_b, settings.water_lock_after_s)
-        rejections = samples.rejections
-        if len(samples.t) >= 2:
-            return samples.t, samples.v_b, samples.sigma, samples.row, dvl.name, rejections
-    if odometry is not None and len(odometry.series) >= 2:
+        readings = body_velocities(dvl, omega_b, settings.water_lock_after_s)
+        rejections += readings.rejections
+        if len(readings) >= 2:
+            return readings, rejections
+    for odometry in mission.of_type("odometry"):
         series = odometry.series
         assert isinstance(series, OdometrySeries)
-        v_b = np.column_stack([series.v_b, np.zeros(len(series))])
-        return series.t, v_b, series.sigma_v, series.row, odometry.name, rejections
+        if len(series) >= 2:
+            v_b = np.column_stack([series.v_b, np.zeros(len(series))])
+            readings = BodyVelocities(odometry.name, series.t, v_b, series.sigma_v, series.row)
+            return readings, rejections
     raise DataError(
         f"mission '{mission.name}': the velocity needs a DVL with valid samples or odometry;"
         f" the mission has: {', '.join(sorted(mission.sensors)) or 'no sensor'}"
@@ -194,22 +199,19 @@ def _turned(mission: Mission, t: Array) -> tuple[Array, float]:
     """Integral of the yaw rate over the grid, and the growth of its variance."""
     imu, odometry = mission.first("imu"), mission.first("odometry")
     if imu is not None:
-        series = imu.series
-        assert isinstance(series, ImuSeries)
-        rate = (series.gyro_i @ imu.R_bs.T)[:, 2]
-        noise = ImuNoise.model_validate(imu.noise)
-        variance = noise.gyro_noise_density_rad_s_sqrt_hz**2
+        assert isinstance(imu.series, ImuSeries)
+        t_rate, rate = imu.series.t, (imu.series.gyro_i @ imu.R_bs.T)[:, 2]
+        variance = ImuNoise.model_validate(imu.noise).gyro_noise_density_rad_s_sqrt_hz ** 2
     elif odometry is not None:
-        series_o = odometry.series
-        assert isinstance(series_o, OdometrySeries)
-        series, rate = series_o, series_o.yaw_rate  # type: ignore[assignment]
-        step_s = float(np.median(np.diff(series_o.t))) if len(series_o) > 1 else 1.0
-        variance = float(np.median(series_o.sigma_yaw_rate**2)) * step_s
+        assert isinstance(odometry.series, OdometrySeries)
+        t_rate, rate = odometry.series.t, odometry.series.yaw_rate
+        step_s = float(np.median(np.diff(t_rate))) if len(t_rate) > 1 else 1.0
+        variance = float(np.median(odometry.series.sigma_yaw_rate**2)) * step_s
     else:
         return np.zeros(len(t)), float(np.radians(1.0) ** 2)
-    steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(series.t)
+    steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(t_rate)
     integral = np.concatenate([[0.0], np.cumsum(steps)])
-    return np.interp(t, series.t, integral), variance
+    return np.interp(t, t_rate, integral), variance
 
 
 def _smooth_heading(headings: HeadingSeries, rate_density: float) -> tuple[Array, float]:

@@ -7,23 +7,27 @@ from dataclasses import dataclass
 import numpy as np
 
 from gtsam_nav.frames import Array, skew
-from gtsam_nav.mission import BoolArray, DvlSeries, Rejection, Sensor
+from gtsam_nav.mission import BoolArray, DvlSeries, IntArray, Rejection, Sensor
 from gtsam_nav.sensors.noise import DvlNoise
 from gtsam_nav.sensors.prediction import BodyState, Prediction
 
 
 @dataclass(frozen=True)
-class DvlVelocities:
+class BodyVelocities:
     """Velocities of the body's origin in body axes, (n, 3) m/s, with sigmas (n,)."""
 
+    sensor: str
     t: Array
     v_b: Array
     sigma: Array
-    row: Array
-    rejections: tuple[Rejection, ...]
+    row: IntArray
+    rejections: tuple[Rejection, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.t)
 
 
-def body_velocities(dvl: Sensor, omega_b: Array, water_lock_after_s: float) -> DvlVelocities:
+def body_velocities(dvl: Sensor, omega_b: Array, water_lock_after_s: float) -> BodyVelocities:
     """The usable samples of a DVL as velocities of the body's origin.
 
     Short losses of bottom lock are left to the motion model: water lock, which measures the
@@ -55,7 +59,9 @@ def body_velocities(dvl: Sensor, omega_b: Array, water_lock_after_s: float) -> D
         )
         for k in np.flatnonzero(~used)
     )
-    return DvlVelocities(series.t[used], v_b[used], sigma[used], series.row[used], rejections)
+    return BodyVelocities(
+        dvl.name, series.t[used], v_b[used], sigma[used], series.row[used], rejections
+    )
 
 
 def _seconds_without(t: Array, present: BoolArray) -> Array:
