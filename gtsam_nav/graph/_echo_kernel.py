@@ -342,6 +342,10 @@ def accumulate(
                 w = weight[m] / (ux * ux * sxx + 2 * ux * uy * sxy + uy * uy * syy)
                 _add_row(A[k], g[k], ux, uy, ex, ey, fraction[b], w, J, row)
                 angle += 0.5 * math.pi
+    for k in range(n_blocks):
+        for c in range(12):
+            for d in range(c):
+                A[k, c, d] = A[k, d, c]
     return A, g
 
 
@@ -358,7 +362,7 @@ def _add_row(
     J: Array,
     row: Array,
 ) -> None:
-    """Add the scalar residual ``u . e`` whose direction u turns with echo j."""
+    """Add the scalar residual ``u . e`` whose direction u turns with echo j; upper half of A."""
     for c in range(12):
         row[c] = ux * J[0, c] + uy * J[1, c]
     turned = ux * ey - uy * ex
@@ -368,5 +372,5 @@ def _add_row(
     for c in range(12):
         wc = w * row[c]
         g[c] -= wc * residual
-        for d in range(12):
+        for d in range(c, 12):
             A[c, d] += wc * row[d]

@@ -1,0 +1,193 @@
+"""Every sensor model against itself and against the graph: one row of `SENSORS` a sensor.
+
+A row draws a measurement near a state (``spread``: how near) and gives it to the model in
+``sensors`` and to the native factor that the graph uses for it. Residual, whitened cost and
+Jacobian must agree on any state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import gtsam
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from gtsam_nav.frames import Array, rotation_from_rpy
+from gtsam_nav.graph import factors
+from gtsam_nav.graph.factors import G, M, X
+from gtsam_nav.sensors import depth, dvl, gnss, orientation
+from gtsam_nav.sensors.prediction import BodyState, Prediction
+
+NO_KERNEL = 1e9
+"""Huber threshold that no residual reaches."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One measurement in both worlds; ``rows`` are those of the native residual that are observed,
+    ``others`` the native states beside the keyframe."""
+
+    predict: Callable[[BodyState], Prediction]
+    factor: Any
+    rows: slice
+    others: Mapping[int, Any] = field(default_factory=dict)
+
+
+def dvl_velocity(state: BodyState, rng: np.random.Generator, spread: float) -> Case:
+    sigma = rng.uniform(0.01, 0.2)
+    v_b = state.R_nb.T @ state.v_n + spread * rng.normal(size=3)
+    factor = factors.velocity(X(0), v_b, sigma, NO_KERNEL)
+    return Case(lambda s: dvl.predict(s, v_b, sigma), factor, slice(6, 9))
+
+
+def gnss_position(state: BodyState, rng: np.random.Generator, spread: float) -> Case:
+    sigma, lever_b = rng.uniform(0.2, 3.0, size=3), rng.normal(size=3)
+    p_antenna_n = state.p_n + 5 * spread * rng.normal(size=3)
+    factor = factors.gnss(X(0), p_antenna_n, lever_b, sigma, NO_KERNEL)
+    return Case(lambda s: gnss.predict(s, p_antenna_n, lever_b, sigma), factor, slice(0, 3))
+
+
+def gnss_with_shared_error(state: BodyState, rng: np.random.Generator, spread: float) -> Case:
+    sigma, error_n = rng.uniform(0.2, 3.0, size=3), rng.normal(size=3)
+    p_n = state.p_n + 5 * spread * rng.normal(size=3)
+    factor = factors.gnss_with_error(G(0), X(0), p_n, sigma, NO_KERNEL)
+    error = factors.nav_state(np.eye(3), error_n, np.zeros(3))
+    return Case(
+        lambda s: gnss.predict(s, p_n + error_n, np.zeros(3), sigma),
+        factor,
+        slice(3, 6),
+        {G(0): error},
+    )
+
+
+def depth_reading(state: BodyState, rng: np.random.Generator, spread: float) -> Case:
+    sigma, lever_b = rng.uniform(0.01, 0.5), rng.normal(size=3)
+    depth_m = state.p_n[2] + spread * rng.normal()
+    factor = factors.depth(X(0), depth_m, lever_b, sigma, NO_KERNEL)
+    return Case(lambda s: depth.predict(s, depth_m, lever_b, sigma), factor, slice(2, 3))
+
+
+def ahrs_orientation(state: BodyState, rng: np.random.Generator, spread: float) -> Case:
+    sigma_rpy, bias = rng.uniform(0.005, 0.1, size=3), rng.normal(scale=0.2)
+    R_bias = rotation_from_rpy([0.0, 0.0, bias])
+    error = Rotation.from_rotvec(0.3 * spread * rng.normal(size=3)).as_matrix()
+    R_measured = R_bias.T @ state.R_nb @ error
+    compass = factors.nav_state(R_bias, np.zeros(3), np.zeros(3))
+    factor = factors.orientation(M(0), X(0), R_measured, sigma_rpy, NO_KERNEL)
+    return Case(
+        lambda s: orientation.predict(s, R_measured, bias, sigma_rpy),
+        factor,
+        slice(0, 3),
+        {M(0): compass},
+    )
+
+
+SENSORS = {
+    make.__name__: make
+    for make in (
+        dvl_velocity,
+        gnss_position,
+        gnss_with_shared_error,
+        depth_reading,
+        ahrs_orientation,
+    )
+}
+
+every_sensor = pytest.mark.parametrize("sensor", SENSORS)
+seeds = given(st.integers(0, 2**32 - 1))
+
+
+def drawn(sensor: str, seed: int, spread: float = 1.0) -> tuple[BodyState, Case]:
+    """Some state, and a measurement of it."""
+    rng = np.random.default_rng(seed)
+    R_nb = Rotation.random(random_state=int(seed)).as_matrix()
+    state = BodyState(R_nb, 100 * rng.normal(size=3), 2 * rng.normal(size=3))
+    return state, SENSORS[sensor](state, rng, spread)
+
+
+def moved(state: BodyState, error: Array) -> BodyState:
+    """The state with an error as `BodyState` defines it."""
+    return BodyState(
+        state.R_nb @ Rotation.from_rotvec(error[:3]).as_matrix(),
+        state.p_n + state.R_nb @ error[3:6],
+        state.v_n + state.R_nb @ error[6:],
+    )
+
+
+def native_values(state: BodyState, case: Case) -> Any:
+    values = gtsam.Values()
+    values.insert(X(0), factors.nav_state(state.R_nb, state.p_n, state.v_n))
+    for key, other in case.others.items():
+        values.insert(key, other)
+    return values
+
+
+@every_sensor
+@seeds
+def test_jacobians_are_those_of_the_residual(sensor: str, seed: int) -> None:
+    state, case = drawn(sensor, seed)
+    steps = 1e-5 * np.eye(9)
+    numeric = [
+        (case.predict(moved(state, e)).residual - case.predict(moved(state, -e)).residual) / 2e-5
+        for e in steps
+    ]
+    np.testing.assert_allclose(case.predict(state).jacobian, np.array(numeric).T, atol=1e-6)
+
+
+@seeds
+def test_the_jacobian_of_a_large_turn_is_exact(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    state, _ = drawn("ahrs_orientation", seed)
+    far = rng.normal(size=3)
+    far *= rng.uniform(0.0, 3.0) / np.linalg.norm(far)
+    R_measured = state.R_nb @ Rotation.from_rotvec(far).as_matrix()
+
+    def residual(error: Array) -> Array:
+        return orientation.predict(moved(state, error), R_measured, 0.0, np.ones(3)).residual
+
+    numeric = [(residual(e) - residual(-e)) / 2e-5 for e in 1e-5 * np.eye(9)]
+    jacobian = orientation.predict(state, R_measured, 0.0, np.ones(3)).jacobian
+    np.testing.assert_allclose(jacobian, np.array(numeric).T, atol=1e-6)
+
+
+@every_sensor
+@seeds
+def test_the_graph_has_the_same_residual(sensor: str, seed: int) -> None:
+    state, case = drawn(sensor, seed)
+    native = case.factor.unwhitenedError(native_values(state, case))
+    np.testing.assert_allclose(native[case.rows], case.predict(state).residual, atol=1e-9)
+
+
+@every_sensor
+@seeds
+def test_the_graph_has_the_same_cost(sensor: str, seed: int) -> None:
+    state, case = drawn(sensor, seed)
+    graph = gtsam.NonlinearFactorGraph()
+    graph.add(case.factor)
+    cost = 2 * graph.error(native_values(state, case))
+    assert cost == pytest.approx(case.predict(state).whitened_cost, rel=1e-9)
+
+
+@every_sensor
+@seeds
+def test_the_graph_has_the_same_jacobian(sensor: str, seed: int) -> None:
+    # the native orientation is linearised as if its residual were small
+    state, case = drawn(sensor, seed, spread=1e-6)
+    linear = case.factor.linearize(native_values(state, case))
+    keys = list(linear.keys())
+    A, b = linear.jacobian()
+    own = A[:, 9 * keys.index(X(0)) : 9 * keys.index(X(0)) + 9]
+    prediction = case.predict(state)
+    whitening = np.linalg.cholesky(np.linalg.inv(prediction.cov)).T
+    np.testing.assert_allclose(own[case.rows], whitening @ prediction.jacobian, atol=1e-5)
+    np.testing.assert_allclose(-b[case.rows], whitening @ prediction.residual, atol=1e-7)
+    unobserved = np.ones(len(b), dtype=bool)
+    unobserved[case.rows] = False
+    np.testing.assert_array_equal(A[unobserved], 0.0)
+    np.testing.assert_array_equal(b[unobserved], 0.0)

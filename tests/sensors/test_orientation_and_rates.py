@@ -1,0 +1,101 @@
+"""Heading, tilt and angular rate from whatever measures them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from gtsam_nav.frames import Array, rotation_from_rpy
+from gtsam_nav.mission import (
+    AttitudeSeries,
+    HeadingSeries,
+    ImuSeries,
+    Mission,
+    OdometrySeries,
+    Sensor,
+)
+from gtsam_nav.sensors.orientation import UNMEASURED_TILT_SIGMA_RAD, headings_true, tilt_at
+from gtsam_nav.sensors.rates import angular_rate_b
+
+T = np.arange(0.0, 60.0, 0.1)
+RATE = 0.2
+
+
+def mission(*sensors: Sensor) -> Mission:
+    return Mission("m", {s.name: s for s in sensors})
+
+
+def compass(heading: Array, t: Array = T, **noise: float) -> Sensor:
+    series = HeadingSeries(t=t, heading=heading, sigma=np.full(len(t), 0.01))
+    return Sensor("heading", "heading", series, noise=noise)
+
+
+def gyro(omega_i: Sequence[float], R_bi: Array) -> Sensor:
+    accel_i = np.tile([0.0, 0.0, -9.81], (len(T), 1))
+    series = ImuSeries(t=T, gyro_i=np.tile(omega_i, (len(T), 1)), accel_i=accel_i)
+    return Sensor("imu", "imu", series, R_bs=R_bi)
+
+
+def wheels(yaw_rate: float) -> Sensor:
+    one = np.ones(len(T))
+    series = OdometrySeries(
+        t=T, v_b=np.zeros((len(T), 2)), yaw_rate=yaw_rate * one, sigma_v=one, sigma_yaw_rate=one
+    )
+    return Sensor("odometry", "odometry", series)
+
+
+def test_declination_turns_magnetic_north_into_true_north() -> None:
+    heading = np.linspace(-3, 3, len(T))
+    plain = headings_true(mission(compass(heading)))
+    turned = headings_true(mission(compass(heading, declination_deg=2.5)))
+    assert plain is not None
+    assert turned is not None
+    np.testing.assert_array_equal(plain.heading, heading)
+    np.testing.assert_allclose(turned.heading, heading + np.radians(2.5))
+    np.testing.assert_array_equal(turned.sigma, plain.sigma)
+
+
+def test_without_a_compass_there_is_no_heading() -> None:
+    assert headings_true(mission()) is None
+
+
+def test_tilt_is_interpolated() -> None:
+    series = AttitudeSeries(
+        t=[0.0, 1.0, 2.0], roll=[0.0, 0.1, 0.1], pitch=[0.2, 0.2, 0.0], sigma=[0.01, 0.01, 0.03]
+    )
+    tilt, sigma = tilt_at(mission(Sensor("a", "attitude", series)), np.array([0.5, 1.5, 9.0]))
+    np.testing.assert_allclose(tilt, [[0.05, 0.2], [0.1, 0.1], [0.1, 0.0]])
+    np.testing.assert_allclose(sigma, [0.01, 0.02, 0.03])
+
+
+def test_tilt_that_nobody_measures_is_level_and_vague() -> None:
+    tilt, sigma = tilt_at(mission(), np.arange(3.0))
+    np.testing.assert_array_equal(tilt, np.zeros((3, 2)))
+    np.testing.assert_array_equal(sigma, UNMEASURED_TILT_SIGMA_RAD)
+
+
+def test_rates_come_from_the_imu_first() -> None:
+    R_bi = rotation_from_rpy([0.3, -0.2, 1.2])
+    omega_b = np.array([0.1, -0.05, RATE])
+    one = mission(gyro(R_bi.T @ omega_b, R_bi), wheels(9.0), compass(-9.0 * T))
+    np.testing.assert_allclose(angular_rate_b(one, T), np.tile(omega_b, (len(T), 1)), atol=1e-14)
+
+
+def test_then_from_odometry() -> None:
+    found = angular_rate_b(mission(wheels(RATE), compass(-9.0 * T)), T)
+    np.testing.assert_allclose(found, np.tile([0.0, 0.0, RATE], (len(T), 1)))
+
+
+def test_then_from_the_compass() -> None:
+    """Across the wrap, and not beyond half a second of the ends."""
+    wrapped = (RATE * T + np.pi) % (2 * np.pi) - np.pi
+    found = angular_rate_b(mission(compass(wrapped)), T)
+    found = found[5:-5]
+    np.testing.assert_allclose(found, np.tile([0, 0, RATE], (len(found), 1)), atol=1e-12)
+
+
+@pytest.mark.parametrize("sensors", [(), (compass(np.zeros(1), T[:1]),)])
+def test_else_nothing_turns(sensors: tuple[Sensor, ...]) -> None:
+    np.testing.assert_array_equal(angular_rate_b(mission(*sensors), T), np.zeros((len(T), 3)))
