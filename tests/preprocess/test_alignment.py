@@ -1,4 +1,4 @@
-"""How the estimate begins: what each sensor contributes, and what stands in where one is missing."""
+"""How the estimate begins: what each sensor gives, and what stands in where one is missing."""
 
 from __future__ import annotations
 

@@ -1,0 +1,248 @@
+"""pIC: the compiled loop against the readable one, recovery, covariance and honest failure."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gtsam_nav.frames import Array, wrap_angle
+from gtsam_nav.registration.pic import (
+    Pairing,
+    associate,
+    normal_equations,
+    register,
+    register_readable,
+)
+from gtsam_nav.registration.settings import PicSettings
+from gtsam_nav.sonar.scans import Scan, planar_rotations
+
+SIGMA_M = 0.1
+PRIOR_COV = np.diag([0.5**2, 0.5**2, np.radians(5) ** 2])
+NO_FLOOR = PicSettings(floor_xy_m=0.0, floor_yaw_deg=0.0)
+
+
+def corner(n: int = 60) -> Array:
+    """Two walls at a right angle, 15 m and 12 m long, seen from within."""
+    a = np.column_stack([np.linspace(-7, 8, n), np.full(n, 6.0)])
+    b = np.column_stack([np.full(n, 8.0), np.linspace(-6, 6, n)])
+    return np.concatenate([a, b])
+
+
+def corridor(n: int = 80) -> Array:
+    """Two parallel walls along x that leave the sonar's range."""
+    x = np.linspace(-30, 30, n)
+    return np.concatenate([np.column_stack([x, np.full(n, 5.0)]), np.column_stack([x, x * 0 - 5])])
+
+
+def scan_of(xy: Array, sigma_m: float = SIGMA_M) -> Scan:
+    return Scan(0.0, np.array(xy), np.tile(sigma_m**2 * np.eye(2), (len(xy), 1, 1)))
+
+
+def seen_from(xy: Array, q: Array) -> Array:
+    """Points of the reference frame in the frame whose pose there is q."""
+    return np.asarray((xy - q[:2]) @ planar_rotations(q[2]))
+
+
+def random_pair(seed: int) -> tuple[Scan, Scan, Array]:
+    """A jagged shore seen twice with noise, clutter and covariances of any direction."""
+    rng = np.random.default_rng(seed)
+    shore = np.cumsum(rng.normal(scale=[0.6, 0.4], size=(70, 2)), axis=0)
+    q = np.array([*rng.normal(scale=0.7, size=2), rng.normal(scale=0.08)])
+    scans = []
+    for xy in (shore, seen_from(shore, q)):
+        seen = xy[rng.uniform(size=len(xy)) < 0.9]
+        seen = np.concatenate([seen, rng.uniform(-10, 10, size=(5, 2))])
+        root = rng.normal(scale=0.1, size=(len(seen), 2, 2))
+        cov = root @ np.swapaxes(root, 1, 2) + 0.05**2 * np.eye(2)
+        scans.append(Scan(0.0, seen + rng.normal(scale=0.05, size=seen.shape), cov))
+    return scans[0], scans[1], q
+
+
+@pytest.mark.parametrize("association", ["mean", "nearest"])
+@given(seed=st.integers(0, 10_000))
+def test_compiled_loop_equals_readable_one(association: str, seed: int) -> None:
+    reference, new, q = random_pair(seed)
+    prior = q + np.random.default_rng(seed + 1).normal(size=3) * [0.4, 0.4, 0.05]
+    settings = PicSettings.model_validate({"association": association})
+    compiled = register(reference, new, prior, PRIOR_COV, settings)
+    readable = register_readable(reference, new, prior, PRIOR_COV, settings)
+    assert compiled.failure == readable.failure
+    assert compiled.iterations == readable.iterations
+    assert compiled.overlap == pytest.approx(readable.overlap, abs=1e-12)
+    np.testing.assert_allclose(compiled.q, readable.q, atol=1e-9)
+    np.testing.assert_allclose(compiled.cov, readable.cov, rtol=1e-6, atol=1e-12)
+
+
+@pytest.mark.parametrize("association", ["mean", "nearest"])
+@given(
+    x=st.floats(-0.4, 0.4), y=st.floats(-0.4, 0.4), yaw_deg=st.floats(-4, 4), turn=st.floats(-3, 3)
+)
+def test_exact_pose_of_noise_free_points(
+    association: str, x: float, y: float, yaw_deg: float, turn: float
+) -> None:
+    # scattered points: on an evenly sampled wall the partner of a point is not itself
+    points = np.random.default_rng(5).uniform(-12, 12, size=(30, 2))
+    q = np.array([1.0, -2.0, turn])
+    prior = q + [x, y, np.radians(yaw_deg)]
+    settings = PicSettings.model_validate({"association": association})
+    match = register(
+        scan_of(points, 0.02), scan_of(seen_from(points, q), 0.02), prior, PRIOR_COV, settings
+    )
+    assert match.ok
+    assert match.overlap == 1.0
+    np.testing.assert_allclose(match.q[:2], q[:2], atol=2e-3)
+    assert abs(wrap_angle(match.q[2] - q[2])) < 2e-4
+
+
+def test_yaw_is_wrapped() -> None:
+    points = np.random.default_rng(5).uniform(-12, 12, size=(30, 2))
+    q = np.array([0.2, 0.1, np.pi - 0.01])
+    prior = np.array([0.0, 0.0, -np.pi + 0.01])
+    match = register(scan_of(points), scan_of(seen_from(points, q)), prior, PRIOR_COV, NO_FLOOR)
+    assert match.ok
+    assert -np.pi <= match.q[2] < np.pi
+    assert abs(wrap_angle(match.q[2] - q[2])) < 1e-3
+
+
+@pytest.mark.parametrize("function", [register, register_readable])
+@pytest.mark.parametrize(
+    ("reference", "new", "reason"),
+    [
+        (corner()[:2], corner(), "fewer than three points"),
+        (corner(), np.empty((0, 2)), "fewer than three points"),
+        (corner(), corner() + 500.0, "no compatible points"),
+        (corner(), np.concatenate([corner(20), corner(60) - [40.0, 40.0]]), "overlap"),
+        (corner()[:60], np.tile(corner()[20], (5, 1)), "singular"),
+    ],
+)
+def test_failure_has_a_reason_and_is_no_identity(
+    function: object, reference: Array, new: Array, reason: str
+) -> None:
+    assert callable(function)
+    prior = np.array([0.3, -0.2, 0.05])
+    match = function(scan_of(reference), scan_of(new), prior, PRIOR_COV, PicSettings())
+    assert not match.ok
+    assert reason in match.failure
+    assert np.all(np.isfinite(match.q))
+    assert np.any(match.q != 0.0)
+
+
+def test_walls_at_a_single_point_are_not_certain() -> None:
+    """Without partners the prior's covariance stays: nothing was learnt."""
+    prior = np.array([0.3, -0.2, 0.05])
+    match = register(scan_of(corner()), scan_of(corner() + 500), prior, PRIOR_COV, PicSettings())
+    np.testing.assert_array_equal(match.q, prior)
+    np.testing.assert_array_equal(match.cov, PRIOR_COV)
+
+
+def test_corridor_is_uncertain_along_itself() -> None:
+    rng = np.random.default_rng(3)
+    new = corridor(90) + rng.normal(scale=SIGMA_M, size=(180, 2))
+    prior = np.array([0.8, 0.2, 0.02])
+    match = register(scan_of(corridor()), scan_of(new), prior, PRIOR_COV, NO_FLOOR)
+    along, across = np.sqrt(np.diag(match.cov)[:2])
+    assert not match.ok or along > 3 * across
+    assert abs(match.q[1]) < 0.1
+    assert abs(match.q[2]) < np.radians(0.5)
+
+
+def test_covariance_has_a_floor() -> None:
+    many = corner(400)
+    settings = PicSettings(floor_xy_m=0.2, floor_yaw_deg=1.0)
+    match = register(scan_of(many, 0.01), scan_of(many, 0.01), np.zeros(3), PRIOR_COV, settings)
+    assert match.ok
+    sigma = np.sqrt(np.diag(match.cov))
+    assert np.all(sigma >= [0.2, 0.2, np.radians(1.0)])
+    assert np.all(sigma < [0.21, 0.21, np.radians(1.05)])
+    bare = register(scan_of(many, 0.01), scan_of(many, 0.01), np.zeros(3), PRIOR_COV, NO_FLOOR)
+    assert np.all(np.diag(bare.cov) > 0)
+    assert np.all(np.diag(bare.cov) < np.diag(match.cov) / 100)
+
+
+def quadratic_cost(new: Scan, q: Array, pairing: Pairing) -> float:
+    placed = q[:2] + new.xy @ planar_rotations(q[2]).T
+    e = (pairing.partner - placed)[pairing.paired]
+    W = np.linalg.inv((pairing.cov_partner + pairing.cov_point)[pairing.paired])
+    return float(0.5 * np.einsum("ni,nij,nj->", e, W, e))
+
+
+def test_normal_equations_against_numerical_differentiation() -> None:
+    reference, new, q = random_pair(11)
+    q = q + [0.1, -0.05, 0.02]
+    pairing = associate(reference, new, q, PRIOR_COV, PicSettings())
+    H, M, gradient = normal_equations(new, q, pairing, cauchy_k=1e9)
+    step = 1e-5
+    steps = step * np.eye(3)
+    slope = [
+        (quadratic_cost(new, q + d, pairing) - quadratic_cost(new, q - d, pairing)) / (2 * step)
+        for d in steps
+    ]
+    np.testing.assert_allclose(gradient, -np.array(slope), rtol=1e-5, atol=1e-4)
+    # without a kernel the weights are the inverse noise, and the twin is the Hessian itself
+    np.testing.assert_allclose(M, H, rtol=1e-9)
+    pairing_at_rest = Pairing(
+        pairing.paired,
+        q[:2] + new.xy @ planar_rotations(q[2]).T,
+        pairing.cov_partner,
+        pairing.cov_point,
+    )
+    curvature = np.array(
+        [
+            [
+                (
+                    quadratic_cost(new, q + a + b, pairing_at_rest)
+                    - quadratic_cost(new, q + a - b, pairing_at_rest)
+                    - quadratic_cost(new, q - a + b, pairing_at_rest)
+                    + quadratic_cost(new, q - a - b, pairing_at_rest)
+                )
+                / (4 * step**2)
+                for b in steps
+            ]
+            for a in steps
+        ]
+    )
+    np.testing.assert_allclose(H, curvature, rtol=1e-3, atol=1e-3 * np.abs(H).max())
+
+
+def test_cauchy_weight_lessens_far_pairs() -> None:
+    reference, new, q = random_pair(12)
+    pairing = associate(reference, new, q, PRIOR_COV, PicSettings())
+    plain, _, _ = normal_equations(new, q, pairing, cauchy_k=1e9)
+    robust, _, _ = normal_equations(new, q, pairing, cauchy_k=0.5)
+    assert np.all(np.linalg.eigvalsh(plain - robust) > 0)
+
+
+@pytest.mark.slow
+def test_covariance_says_how_far_the_estimate_scatters() -> None:
+    rng = np.random.default_rng(0)
+    nees = []
+    for _ in range(200):
+        q = np.array([*rng.normal(scale=0.2, size=2), rng.normal(scale=0.03)])
+        scans = [
+            scan_of(xy + rng.normal(scale=SIGMA_M, size=xy.shape))
+            for xy in (corner(), seen_from(corner(), q))
+        ]
+        match = register(*scans, np.zeros(3), PRIOR_COV, NO_FLOOR)
+        assert match.ok
+        e = match.q - q
+        nees.append(e @ np.linalg.solve(match.cov, e))
+    # 3 degrees of freedom; the pairing's own errors are not in the closed form
+    assert 1.0 < np.mean(nees) < 9.0
+
+
+@pytest.mark.slow
+@pytest.mark.realdata
+def test_acceptance_on_pairs_with_known_pose(stpere_folder: Path) -> None:
+    from benchmarks.pairs import ACCEPTANCE_START, load_pairs, measure
+    from gtsam_nav.config import Config
+
+    pairs = load_pairs(stpere_folder, Config())
+    assert len(pairs) == 130
+    result = measure(pairs, ACCEPTANCE_START, Config(), seed=1)
+    assert result.success >= 0.93
+    assert result.median_m <= 0.20
+    assert result.median_deg <= 0.3
