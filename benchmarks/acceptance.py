@@ -106,8 +106,7 @@ def main() -> None:
     if arguments.stpere:
         mission = gn.open_mission(arguments.stpere)
         for gnss in ("window", "none"):
-            for method in ("dr", "graph"):
-                results.append(show(stpere(mission, gnss, method)))
+            results += [show(stpere(mission, gnss, method)) for method in ("dr", "graph")]
         wall_s = stpere_wall_s(arguments.stpere)
         print(f"St. Pere, dr and graph from reading to results written: {wall_s:.1f} s")
     with_sonar = [show(marina(seed, sonar=True)) for seed in SEEDS]
@@ -126,7 +125,7 @@ def main() -> None:
 
 
 HEADER = (
-    "mission          method  none mean  none rmse  se2 mean  online    NEES  coverage"
+    "mission          method none mean none rmse  se2 mean online se2    NEES  coverage"
     "  wall s  sonar, settings"
 )
 
@@ -134,7 +133,7 @@ HEADER = (
 def show(r: RunResult) -> RunResult:
     """Print one row."""
     scores = (r.ate_none_mean, r.ate_none_rmse, r.ate_se2_mean, r.ate_online_se2_mean, r.nees_mean)
-    columns = " ".join("      -" if s is None else f"{s:9.2f}" for s in scores)
+    columns = " ".join("        -" if s is None else f"{s:9.2f}" for s in scores)
     sonar = "no sonar" if r.sonar is None else f"{r.sonar} sonar"
     print(
         f"{r.mission:<16.16} {r.method:<6} {columns}  {r.coverage or 0:8.3f}  {r.wall_s:6.1f}"

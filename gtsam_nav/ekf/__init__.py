@@ -1,1 +1,1 @@
-"""Reference filters: NumPy only, never GTSAM."""
+"""Reference filters: NumPy, their hot loops compiled by numba; never GTSAM."""

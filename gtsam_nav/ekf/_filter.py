@@ -16,19 +16,20 @@ from gtsam_nav.mission import IntArray
 
 @numba.njit(cache=True, error_model="numpy")
 def run(
-    t: Array,
+    t_event: Array,
+    event: IntArray,
+    n: int,
     first: IntArray,
     size: IntArray,
     value: Array,
     variance: Array,
     gate: Array,
-    t_record: Array,
     start_s: float,
     x_start: Array,
     P_start: Array,
     accel_variance: Array,
 ) -> tuple[Array, Array, Array]:
-    """Filter measurements and record the state; arguments as in ``run_readable``.
+    """Go through the events of ``constant_velocity.events``: n records, the rest measurements.
 
     Returns
     -------
@@ -37,26 +38,22 @@ def run(
     nis : ndarray, shape (m,)
         Normalised innovation squared of every measurement, used or not.
     """
-    m, n = len(t), len(t_record)
-    x_record, P_record, nis = np.empty((n, 8)), np.empty((n, 8, 8)), np.empty(m)
+    x_record, P_record, nis = np.empty((n, 8)), np.empty((n, 8, 8)), np.empty(len(first))
     x, P, x_new, P_new = np.empty(8), np.empty((8, 8)), np.empty(8), np.empty((8, 8))
     G = np.zeros((4, 8))
     _copy(x_start, P_start, x, P)
-    now, k, r = start_s, 0, 0
-    while k < m or r < n:
-        recording = k == m or (r < n and t_record[r] <= t[k])
-        then = t_record[r] if recording else t[k]
-        _predict(x, P, G, then - now, accel_variance)
-        now = then
-        if recording:
-            _copy(x, P, x_record[r], P_record[r])
-            r += 1
-        else:
-            _copy(x, P, x_new, P_new)
-            nis[k] = _update(x_new, P_new, first[k], size[k], value[k], variance[k])
-            if nis[k] <= gate[size[k]]:
-                x, P, x_new, P_new = x_new, P_new, x, P
-            k += 1
+    now = start_s
+    for j in range(len(event)):
+        _predict(x, P, G, t_event[j] - now, accel_variance)
+        now = t_event[j]
+        if event[j] < n:
+            _copy(x, P, x_record[event[j]], P_record[event[j]])
+            continue
+        k = event[j] - n
+        _copy(x, P, x_new, P_new)
+        nis[k] = _update(x_new, P_new, first[k], size[k], value[k], variance[k])
+        if nis[k] <= gate[size[k]]:
+            x, P, x_new, P_new = x_new, P_new, x, P
     return x_record, P_record, nis
 
 

@@ -90,13 +90,13 @@ def run(
 
     z = measurements
     x, P, nis = _filter.run(
-        z.t,
+        *events(z, t),
+        len(t),
         z.first,
         z.size,
         z.value,
         z.variance,
         gate,
-        t,
         start.t,
         start.x,
         start.P,
@@ -105,33 +105,33 @@ def run(
     return Filtered(t, x, P, nis, nis <= gate[z.size])
 
 
+def events(z: Measurements, t: Array) -> tuple[Array, IntArray]:
+    """Times and numbers of all events in order: the records, then the measurements, count up."""
+    both = np.concatenate([t, z.t])
+    order = np.argsort(both, kind="stable")
+    return both[order], order
+
+
 def run_readable(
     measurements: Measurements, start: Start, t: Array, gate: Array, accel_variance: Array
 ) -> Filtered:
     """The same as `run`, step by step."""
     z = measurements
     now, x, P = start.t, start.x, start.P
-    nis, used = np.zeros(len(z)), np.zeros(len(z), dtype=bool)
-    recorded: list[tuple[Array, Array]] = []
-    for k in range(len(z)):
-        while len(recorded) < len(t) and t[len(recorded)] <= z.t[k]:
-            x, P = predict(x, P, t[len(recorded)] - now, accel_variance)
-            now = t[len(recorded)]
-            recorded.append((x, P))
-        x, P = predict(x, P, z.t[k] - now, accel_variance)
-        now = z.t[k]
-        entries = np.arange(z.first[k], z.first[k] + z.size[k])
-        value, variance = z.value[k, : z.size[k]], z.variance[k, : z.size[k]]
-        x_new, P_new, nis[k] = update(x, P, entries, value, variance)
-        used[k] = nis[k] <= gate[z.size[k]]
-        if used[k]:
+    x_record, P_record = np.empty((len(t), 8)), np.empty((len(t), 8, 8))
+    nis = np.empty(len(z))
+    for then, event in zip(*events(z, t), strict=True):
+        x, P = predict(x, P, then - now, accel_variance)
+        now = then
+        if event < len(t):
+            x_record[event], P_record[event] = x, P
+            continue
+        k, size = event - len(t), z.size[event - len(t)]
+        entries = z.first[k] + np.arange(size)
+        x_new, P_new, nis[k] = update(x, P, entries, z.value[k, :size], z.variance[k, :size])
+        if nis[k] <= gate[size]:
             x, P = x_new, P_new
-    for t_left in t[len(recorded) :]:
-        x, P = predict(x, P, t_left - now, accel_variance)
-        now = t_left
-        recorded.append((x, P))
-    xs, Ps = zip(*recorded, strict=True)
-    return Filtered(t, np.array(xs), np.array(Ps), nis, used)
+    return Filtered(t, x_record, P_record, nis, nis <= gate[z.size])
 
 
 def predict(x: Array, P: Array, dt: float, accel_variance: Array) -> tuple[Array, Array]:

@@ -9,6 +9,9 @@ import numpy as np
 
 from gtsam_nav.frames import Array
 
+WALL_ELONGATION = 9.0
+"""Surroundings whose variances differ by more than this factor are a wall."""
+
 
 @numba.njit(cache=True, error_model="numpy")
 def iterate(
@@ -26,25 +29,24 @@ def iterate(
     nearest: bool,
     converged_m: float,
     converged_rad: float,
-) -> tuple[Array, Array, Array, int, int]:
+) -> tuple[Array, int, int]:
     """Associate and solve until the pose settles.
 
     Returns
     -------
-    q, H, M : ndarray
-        Pose, Hessian and noise-driven twin as in ``pic.normal_equations``.
+    q : ndarray, shape (3,)
     paired : int
         Points with a partner in the last iteration.
     iterations : int
     """
     q = prior.copy()
-    H, M, g = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
+    H, g = np.zeros((3, 3)), np.zeros(3)
     scale, paired, iteration = 1.0, 0, 0
     for _ in range(max_iterations):
         iteration += 1
-        H[:], M[:], g[:] = 0.0, 0.0, 0.0
+        H[:], g[:] = 0.0, 0.0
         paired = _accumulate(
-            xy_ref, cov_ref, xy_new, cov_new, q, cov_prior * scale, gate, cauchy_k, nearest, H, M, g
+            xy_ref, cov_ref, xy_new, cov_new, q, cov_prior * scale, gate, cauchy_k, nearest, H, g
         )
         step, solvable = _solve3(H, g)
         if not solvable:
@@ -56,7 +58,7 @@ def iterate(
         if settled and scale <= scale_floor:
             break
         scale = max(scale * shrink, scale_floor)
-    return q, H, M, paired, iteration
+    return q, paired, iteration
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -71,7 +73,6 @@ def _accumulate(
     cauchy_k: float,
     nearest: bool,
     H: Array,
-    M: Array,
     g: Array,
 ) -> int:
     """Add every paired point to the normal equations; returns how many there are."""
@@ -126,21 +127,83 @@ def _accumulate(
         w = 1.0 / (1.0 + d2 / (cauchy_k * cauchy_k))
         # rows of J' W
         r2x, r2y = -ty * wxx + tx * wxy, -ty * wxy + tx * wyy
-        h02, h12, h22 = r2x, r2y, -ty * r2x + tx * r2y
-        for target, weight in ((H, w), (M, w * w)):
-            target[0, 0] += weight * wxx
-            target[0, 1] += weight * wxy
-            target[1, 0] += weight * wxy
-            target[1, 1] += weight * wyy
-            target[0, 2] += weight * h02
-            target[2, 0] += weight * h02
-            target[1, 2] += weight * h12
-            target[2, 1] += weight * h12
-            target[2, 2] += weight * h22
+        _add(H, w, wxx, wxy, wyy, tx, ty)
         g[0] += w * (wxx * ex + wxy * ey)
         g[1] += w * (wxy * ex + wyy * ey)
         g[2] += w * (r2x * ex + r2y * ey)
     return paired
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _add(H: Array, weight: float, wxx: float, wxy: float, wyy: float, tx: float, ty: float) -> None:
+    """Add ``weight J' W J`` of a point whose turned coordinates are (tx, ty)."""
+    r2x, r2y = -ty * wxx + tx * wxy, -ty * wxy + tx * wyy
+    H[0, 0] += weight * wxx
+    H[0, 1] += weight * wxy
+    H[1, 0] += weight * wxy
+    H[1, 1] += weight * wyy
+    H[0, 2] += weight * r2x
+    H[2, 0] += weight * r2x
+    H[1, 2] += weight * r2y
+    H[2, 1] += weight * r2y
+    H[2, 2] += weight * (-ty * r2x + tx * r2y)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def information(
+    xy_ref: Array,
+    cov_ref: Array,
+    xy_new: Array,
+    cov_new: Array,
+    q: Array,
+    radius: float,
+    cauchy_k: float,
+) -> tuple[Array, Array]:
+    """Hessian and its noise-driven twin at a solution: ``pic.information_at``, compiled."""
+    H, M = np.zeros((3, 3)), np.zeros((3, 3))
+    c, s = math.cos(q[2]), math.sin(q[2])
+    for i in range(len(xy_new)):
+        tx = c * xy_new[i, 0] - s * xy_new[i, 1]
+        ty = s * xy_new[i, 0] + c * xy_new[i, 1]
+        count, nearest, least = 0, -1, radius * radius
+        mx = my = vxx = vxy = vyy = 0.0
+        for j in range(len(xy_ref)):
+            ex, ey = xy_ref[j, 0] - q[0] - tx, xy_ref[j, 1] - q[1] - ty
+            d2 = ex * ex + ey * ey
+            if d2 >= radius * radius:
+                continue
+            if d2 < least or nearest < 0:
+                least, nearest = d2, j
+            count += 1
+            mx += ex
+            my += ey
+            vxx += ex * ex
+            vxy += ex * ey
+            vyy += ey * ey
+        if count == 0:
+            continue
+        a, b, d = cov_new[i, 0, 0], cov_new[i, 0, 1], cov_new[i, 1, 1]
+        sxx = c * c * a - 2 * c * s * b + s * s * d + cov_ref[nearest, 0, 0]
+        sxy = c * s * (a - d) + (c * c - s * s) * b + cov_ref[nearest, 0, 1]
+        syy = s * s * a + 2 * c * s * b + c * c * d + cov_ref[nearest, 1, 1]
+        mx, my = mx / count, my / count
+        vxx, vxy, vyy = vxx / count - mx * mx, vxy / count - mx * my, vyy / count - my * my
+        half, root = 0.5 * (vxx + vyy), math.sqrt(0.25 * (vxx - vyy) ** 2 + vxy * vxy)
+        if count >= 3 and half + root > WALL_ELONGATION * max(half - root, 0.0):
+            angle = 0.5 * math.atan2(2 * vxy, vxx - vyy)
+            nx, ny = -math.sin(angle), math.cos(angle)
+            precision = 1.0 / (nx * nx * sxx + 2 * nx * ny * sxy + ny * ny * syy)
+            wxx, wxy, wyy = nx * nx * precision, nx * ny * precision, ny * ny * precision
+            ex, ey = mx, my
+        else:
+            det = sxx * syy - sxy * sxy
+            wxx, wxy, wyy = syy / det, -sxy / det, sxx / det
+            ex, ey = xy_ref[nearest, 0] - q[0] - tx, xy_ref[nearest, 1] - q[1] - ty
+        d2 = wxx * ex * ex + 2 * wxy * ex * ey + wyy * ey * ey
+        w = 1.0 / (1.0 + d2 / (cauchy_k * cauchy_k))
+        _add(H, w, wxx, wxy, wyy, tx, ty)
+        _add(M, w * w, wxx, wxy, wyy, tx, ty)
+    return H, M
 
 
 @numba.njit(cache=True, error_model="numpy")

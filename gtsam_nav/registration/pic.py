@@ -2,8 +2,9 @@
 
 Montesano, Minguez and Montano, *Probabilistic scan matching for motion estimation in unstructured
 environments* (IROS 2005), as used by Mallios et al. 2014; the covariance of the match is the closed
-form of Haralick (1998) and Censi (2007). `register` runs the compiled loop of ``_pic_kernel``;
-`register_readable` is the same in plain NumPy, and the oracle of its tests.
+form of Haralick (1998) and Censi (2007), with walls telling about the pose across themselves only.
+`register` runs the compiled loop of ``_pic_kernel``; `register_readable` is the same in plain
+NumPy, and the oracle of its tests.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.registration.result import PlanarMatch
 from gtsam_nav.registration.settings import PicSettings
-from gtsam_nav.sonar.scans import Scan
+from gtsam_nav.sonar.scans import Scan, planar_rotations
 
 CONVERGED_M, CONVERGED_RAD = 1e-3, 1e-4
 GATE_FLOOR_SCALE = 1e-3
@@ -52,11 +53,11 @@ def register(
     PlanarMatch
         With a `failure` where points or overlap were too few or the solution was singular.
     """
-    from gtsam_nav.registration._pic_kernel import iterate
+    from gtsam_nav.registration._pic_kernel import information, iterate
 
     if min(len(reference), len(new)) < 3:
         return _failed(prior, cov_prior, "fewer than three points")
-    q, H, M, paired, iterations = iterate(
+    q, paired, iterations = iterate(
         reference.xy,
         reference.cov,
         new.xy,
@@ -72,6 +73,9 @@ def register(
         CONVERGED_M,
         CONVERGED_RAD,
     )
+    H, M = information(
+        reference.xy, reference.cov, new.xy, new.cov, q, settings.wall_radius_m, settings.cauchy_k
+    )
     return _judge(q, H, M, paired / len(new), iterations, prior, cov_prior, settings)
 
 
@@ -83,11 +87,11 @@ def register_readable(
         return _failed(prior, cov_prior, "fewer than three points")
     q = np.array(prior, dtype=float)
     scale, iterations = 1.0, 0
-    H, M, overlap = np.zeros((3, 3)), np.zeros((3, 3)), 0.0
+    overlap = 0.0
     for iterations in range(1, settings.max_iterations + 1):  # noqa: B007
         pairing = associate(reference, new, q, cov_prior * scale, settings)
         overlap = float(pairing.paired.mean())
-        H, M, gradient = normal_equations(new, q, pairing, settings.cauchy_k)
+        H, gradient = normal_equations(new, q, pairing, settings.cauchy_k)
         if np.linalg.det(H) <= 0:
             break
         step = np.linalg.solve(H, gradient)
@@ -96,6 +100,7 @@ def register_readable(
         if settled and scale <= GATE_FLOOR_SCALE:
             break
         scale = max(scale * settings.shrink, GATE_FLOOR_SCALE)
+    H, M = information_at(reference, new, q, settings)
     return _judge(q, H, M, overlap, iterations, prior, cov_prior, settings)
 
 
@@ -131,10 +136,8 @@ def associate(
     return Pairing(paired, partner, cov_partner, cov_point)
 
 
-def normal_equations(
-    new: Scan, q: Array, pairing: Pairing, cauchy_k: float
-) -> tuple[Array, Array, Array]:
-    """Hessian, its noise-driven twin (for the covariance) and gradient of the matching cost."""
+def normal_equations(new: Scan, q: Array, pairing: Pairing, cauchy_k: float) -> tuple[Array, Array]:
+    """Hessian and gradient of the matching cost."""
     k = pairing.paired
     c, s = np.cos(q[2]), np.sin(q[2])
     turned = new.xy[k] @ np.array([[c, s], [-s, c]])
@@ -145,9 +148,42 @@ def normal_equations(
     W = np.linalg.inv(pairing.cov_partner[k] + pairing.cov_point[k])
     d2 = np.einsum("ni,nij,nj->n", error, W, error)
     JtW = np.swapaxes(J, 1, 2) @ W * (1.0 / (1.0 + d2 / cauchy_k**2))[:, None, None]
-    H = np.sum(JtW @ J, axis=0)
-    M = np.sum(JtW @ np.linalg.inv(W) @ np.swapaxes(JtW, 1, 2), axis=0)
-    return H, M, np.einsum("nij,nj->i", JtW, error)
+    return np.sum(JtW @ J, axis=0), np.einsum("nij,nj->i", JtW, error)
+
+
+def information_at(
+    reference: Scan, new: Scan, q: Array, settings: PicSettings
+) -> tuple[Array, Array]:
+    """Hessian and its noise-driven twin at a solution, for the covariance.
+
+    Partners slide along walls, so that agreement along a wall is no evidence: where the reference
+    points around a point form a wall, it tells about the pose across that wall only.
+    """
+    from gtsam_nav.registration._pic_kernel import WALL_ELONGATION
+
+    H, M = np.zeros((3, 3)), np.zeros((3, 3))
+    B = planar_rotations(q[2])
+    for turned, cov in zip(new.xy @ B.T, B @ new.cov @ B.T, strict=True):
+        offset = reference.xy - q[:2] - turned
+        distance = np.linalg.norm(offset, axis=1)
+        around = offset[distance < settings.wall_radius_m]
+        if len(around) == 0:
+            continue
+        nearest = int(np.argmin(distance))
+        S = cov + reference.cov[nearest]
+        variances, axes = np.linalg.eigh(np.cov(around.T, bias=True))
+        if len(around) >= 3 and variances[1] > WALL_ELONGATION * max(variances[0], 0.0):
+            normal = axes[:, 0]
+            W = np.outer(normal, normal) / (normal @ S @ normal)
+            error = around.mean(axis=0)
+        else:
+            W = np.linalg.inv(S)
+            error = offset[nearest]
+        J = np.array([[1.0, 0.0, -turned[1]], [0.0, 1.0, turned[0]]])
+        weight = 1.0 / (1.0 + error @ W @ error / settings.cauchy_k**2)
+        H += weight * J.T @ W @ J
+        M += weight**2 * J.T @ W @ J
+    return H, M
 
 
 def _judge(

@@ -24,6 +24,8 @@ class PicSettings(Settings):
         Factor on the prior covariance in the gate after each iteration.
     cauchy_k : float
         Scale of the Cauchy weight on the whitened residual.
+    wall_radius_m : float
+        Surroundings in which reference points are taken for a wall, for the match's covariance.
     min_overlap : float
         Least share of points that must pair.
     floor_xy_m, floor_yaw_deg : float
@@ -35,6 +37,7 @@ class PicSettings(Settings):
     max_iterations: int = Field(default=60, ge=1)
     shrink: float = Field(default=0.6, gt=0, le=1)
     cauchy_k: float = Field(default=1.5, gt=0)
+    wall_radius_m: float = Field(default=3.0, gt=0)
     min_overlap: float = Field(default=0.4, ge=0, le=1)
     floor_xy_m: float = Field(default=0.1, ge=0)
     floor_yaw_deg: float = Field(default=0.5, ge=0)
