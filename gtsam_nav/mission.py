@@ -344,6 +344,11 @@ class Sensor:
     simulated: bool = False
 
     def __post_init__(self) -> None:
+        if self.type not in SERIES_TYPES:
+            raise ValueError(
+                f"sensor '{self.name}': unknown type '{self.type}'; the choices are:"
+                f" {', '.join(SERIES_TYPES)}"
+            )
         if not isinstance(self.series, SERIES_TYPES[self.type]):
             raise ValueError(
                 f"sensor '{self.name}' of type {self.type} holds a {type(self.series).__name__}"

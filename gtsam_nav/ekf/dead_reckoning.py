@@ -28,8 +28,9 @@ from gtsam_nav.sensors.rates import angular_rate_b
 from gtsam_nav.solution import Innovations, Progress, Solution, StageClock
 from gtsam_nav.trajectory import Trajectory
 
-START_SIGMA = (1.0, 1.0, 0.5, 0.2)
-"""Of u, v, w (m/s) and r (rad/s) before the first measurement; their mean is zero."""
+START_SIGMA = (10.0, 10.0, 5.0, 1.0)
+"""Of u, v, w (m/s) and r (rad/s) before the first measurement; their mean is zero. Wide, since a
+vehicle that is already under way would otherwise be gated out for ever."""
 
 
 def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:

@@ -129,7 +129,7 @@ def sensor_posterior(
     cross[order] = factor.solve(selection[order])
     U[order] = factor.solve(h[order])
     precision = np.diag(1.0 / np.maximum(problem.calibration_sigma, 1e-9) ** 2)
-    cov_d = np.linalg.inv(precision + h_dd - h.T @ U)
+    cov_d: Array = np.linalg.inv(precision + h_dd - h.T @ U).astype(float)
     mean_d = cov_d @ (g_d - h.T @ mean)
     mean -= U @ mean_d
     cross_d = -cov_d @ (U.T @ selection)

@@ -30,6 +30,8 @@ from gtsam_nav.sensors.prediction import chi2_limit
 from gtsam_nav.sensors.rates import angular_rate_b
 from gtsam_nav.trajectory import Trajectory
 
+MAX_RATE_GAP_S = 0.5
+"""A yaw rate is not carried over a longer silence if there is a compass."""
 SPIKE_PROBABILITY = 0.99999
 """Velocity readings less likely than one minus this are spikes."""
 
@@ -196,7 +198,10 @@ def _yaw(
 
 
 def _turned(mission: Mission, t: Array) -> tuple[Array, float]:
-    """Integral of the yaw rate over the grid, and the growth of its variance."""
+    """Integral of the yaw rate over the grid, and the growth of its variance.
+
+    Where the rate falls silent the compass, if there is one, says how far the vehicle turned.
+    """
     imu, odometry = mission.first("imu"), mission.first("odometry")
     if imu is not None:
         assert isinstance(imu.series, ImuSeries)
@@ -209,7 +214,14 @@ def _turned(mission: Mission, t: Array) -> tuple[Array, float]:
         variance = float(np.median(odometry.series.sigma_yaw_rate**2)) * step_s
     else:
         return np.zeros(len(t)), float(np.radians(1.0) ** 2)
+    t_rate = np.concatenate([[min(t[0], t_rate[0])], t_rate, [max(t[-1], t_rate[-1])]])
+    rate = np.concatenate([rate[:1], rate, rate[-1:]])
     steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(t_rate)
+    silent = np.diff(t_rate) > MAX_RATE_GAP_S
+    headings = headings_true(mission)
+    if headings is not None and np.any(silent):
+        compass = np.interp(t_rate, headings.t, np.unwrap(headings.heading))
+        steps[silent] = np.diff(compass)[silent]
     integral = np.concatenate([[0.0], np.cumsum(steps)])
     return np.interp(t, t_rate, integral), variance
 

@@ -107,6 +107,17 @@ def test_a_straight_course_is_followed() -> None:
     assert not solution.georeferenced
 
 
+def test_a_vehicle_already_under_way_is_not_gated_out() -> None:
+    slow = straight()
+    dvl = slow.sensors["dvl"]
+    assert isinstance(dvl.series, DvlSeries)
+    fast = replace(dvl, series=replace(dvl.series, v_d=dvl.series.v_d * 12.0))
+    solution = gn.estimate(slow.with_sensor(fast), "dr")
+    distance = float(np.linalg.norm(solution.trajectory.p_n[-1, :2]))
+    assert distance == pytest.approx(12.0 * SPEED_M_S * DURATION_S, rel=0.02)
+    assert solution.rejections == ()
+
+
 def test_the_trajectory_covers_the_mission_at_its_rate() -> None:
     for rate_hz in (10.0, 25.0):
         config = load_config(None, [f"motion.rate_hz={rate_hz}"])

@@ -216,6 +216,18 @@ def test_the_gyro_carries_the_heading_between_rare_readings() -> None:
     np.testing.assert_allclose(motion.rpy[inside, 2], rate * motion.t[inside], atol=0.01)
 
 
+def test_where_the_gyro_falls_silent_the_compass_turns_the_vehicle() -> None:
+    rate, t = 0.05, times(10.0)
+    whole = imu(np.array([0.0, 0.0, rate]), np.eye(3), np.zeros(3))
+    for silence in ((20.0, 35.0), (30.0, np.inf)):
+        kept = (whole.series.t < silence[0]) | (whole.series.t >= silence[1])
+        motion = moved(
+            dvl(), replace(whole, series=whole.series.select(kept)), compass(rate * t, t)
+        )
+        error = wrap_angle(motion.rpy[:, 2] - rate * motion.t)
+        assert np.abs(error[motion.t < t[-1]]).max() < np.radians(0.3)
+
+
 def test_a_compass_alone_is_smoothed_across_the_wrap() -> None:
     rng = np.random.default_rng(2)
     t = times(10.0)

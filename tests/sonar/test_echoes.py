@@ -121,7 +121,7 @@ def test_of_two_close_echoes_the_stronger_stays() -> None:
 
 
 def test_two_separate_echoes_both_stay_and_no_third() -> None:
-    intensity = with_echo(with_echo(with_echo(beams(), 8.0), 16.0, 0.8), 24.0, 0.6)
+    intensity = with_echo(with_echo(with_echo(beams(), 8.0), 16.0, 0.95), 24.0, 0.9)
     echoes = segment(sonar_of(intensity), SegmentationSettings(max_echoes=2))
     ranges = np.linalg.norm(echoes.xy_b, axis=1).reshape(-1, 2)
     np.testing.assert_allclose(np.sort(ranges, axis=1), np.tile([8.05, 16.05], (200, 1)), atol=0.1)

@@ -1,0 +1,239 @@
+"""The joint refinement's compiled parts: derivatives, null space, and tiny cases by hand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from gtsam_nav.frames import Array
+from gtsam_nav.graph._echo_kernel import (
+    accumulate,
+    fixed_points,
+    grid,
+    local_lines,
+    mutual,
+    partners,
+    squared_residuals,
+)
+from gtsam_nav.graph.refinement import _assemble
+from gtsam_nav.mission import BoolArray, IntArray
+from gtsam_nav.sonar.scans import planar_rotations
+
+
+@dataclass
+class Case:
+    """Two scans of five echoes between four knots, paired one to one."""
+
+    arms_b: Array
+    knots: Array
+    knot: IntArray
+    fraction: Array
+    cov: Array
+    normal: Array
+    is_line: BoolArray
+    i: IntArray
+    j: IntArray
+    weight: Array
+
+    def arms(self, knots: Array) -> Array:
+        turns = knots[:, 2][np.stack([self.knot, self.knot + 1], axis=1)]
+        return np.einsum("keij,kej->kei", planar_rotations(turns), self.arms_b)
+
+    def xy(self, knots: Array) -> Array:
+        arms, f = self.arms(knots), self.fraction[:, None]
+        ends = [knots[self.knot + e, :2] + arms[:, e] for e in (0, 1)]
+        return np.asarray((1 - f) * ends[0] + f * ends[1])
+
+    def cost(self, step: Array) -> float:
+        """Weighted squared residuals; each residual's direction turns with echo j."""
+        knots = self.knots + step.reshape(-1, 3)
+        e = (self.xy(knots)[self.i] - self.xy(knots)[self.j])[:, :, None]
+        turn = step.reshape(-1, 3)[:, 2]
+        f = self.fraction[self.j]
+        turned = (1 - f) * turn[self.knot[self.j]] + f * turn[self.knot[self.j] + 1]
+        e_j = np.swapaxes(planar_rotations(turned), 1, 2) @ e
+        total = 0.0
+        for m, (a, b) in enumerate(zip(self.i, self.j, strict=True)):
+            S, d = self.cov[a] + self.cov[b], e_j[m, :, 0]
+            if self.is_line[b]:
+                n = self.normal[b]
+                total += 0.5 * self.weight[m] * (n @ d) ** 2 / (n @ S @ n)
+            else:
+                total += 0.5 * self.weight[m] * d @ np.linalg.solve(S, d)
+        return float(total)
+
+    def system(self) -> tuple[Array, Array]:
+        n = len(self.knots)
+        pairs = self.knot[self.i] * n + self.knot[self.j]
+        intervals, block = np.unique(pairs, return_inverse=True)
+        A, g = accumulate(
+            self.i,
+            self.j,
+            block,
+            len(intervals),
+            self.xy(self.knots),
+            self.arms(self.knots),
+            self.cov,
+            self.normal,
+            self.is_line,
+            self.fraction,
+            self.weight,
+        )
+        return _assemble(intervals // n, intervals % n, A, g, n)
+
+
+def case(seed: int, residual_m: float = 0.3) -> Case:
+    rng = np.random.default_rng(seed)
+    knots = np.column_stack([3.0 * np.arange(4), rng.normal(size=4), rng.normal(size=4)])
+    knot = np.repeat([0, 2], 5)
+    fraction = rng.uniform(size=10)
+    place = rng.uniform(-10, 10, size=(10, 2))
+    place[5:] = place[:5] + rng.normal(scale=residual_m, size=(5, 2))
+    ends = knots[np.stack([knot, knot + 1], axis=1)]
+    arms_n = place[:, None] - ends[:, :, :2]
+    arms_b = np.einsum("keji,kej->kei", planar_rotations(ends[:, :, 2]), arms_n)
+    root = rng.normal(scale=0.2, size=(10, 2, 2))
+    direction = rng.uniform(0, 6, 10)
+    return Case(
+        arms_b=arms_b,
+        knots=knots,
+        knot=knot,
+        fraction=fraction,
+        cov=root @ np.swapaxes(root, 1, 2) + 0.01 * np.eye(2),
+        normal=np.stack([np.cos(direction), np.sin(direction)], axis=1),
+        is_line=np.tile([True, False, True, False, True], 2),
+        i=np.arange(10),
+        j=(np.arange(10) + 5) % 10,
+        weight=rng.uniform(0.2, 1.0, 10),
+    )
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_gradient_is_that_of_the_cost(seed: int) -> None:
+    c = case(seed)
+    _, g = c.system()
+    h = 1e-6
+    slope = [(c.cost(h * d) - c.cost(-h * d)) / (2 * h) for d in np.eye(12)]
+    np.testing.assert_allclose(g, -np.array(slope), rtol=1e-4, atol=1e-4 * np.abs(g).max())
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_information_is_the_curvature_where_residuals_vanish(seed: int) -> None:
+    c = case(seed, residual_m=0.0)
+    A, g = c.system()
+    np.testing.assert_allclose(g, 0.0, atol=1e-9)
+    np.testing.assert_allclose(A, A.T)
+    h = 1e-4
+    d = h * np.eye(12)
+    curvature = [
+        [(c.cost(a + b) - c.cost(a - b) - c.cost(b - a) + c.cost(-a - b)) / (4 * h * h) for b in d]
+        for a in d
+    ]
+    np.testing.assert_allclose(A, curvature, atol=1e-3 * np.abs(A).max())
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_moving_everything_together_costs_nothing(seed: int) -> None:
+    """Also where residuals do not vanish: else the sonar would invent an absolute heading."""
+    c = case(seed, residual_m=0.5)
+    A, g = c.system()
+    north = np.tile([1.0, 0.0, 0.0], 4)
+    east = np.tile([0.0, 1.0, 0.0], 4)
+    turn = np.column_stack([-c.knots[:, 1], c.knots[:, 0], np.ones(4)]).ravel()
+    largest = np.linalg.eigvalsh(A)[-1]
+    for direction in (north, east, turn):
+        unit = direction / np.linalg.norm(direction)
+        assert np.linalg.norm(A @ unit) < 1e-9 * largest
+        assert abs(g @ unit) < 1e-9 * np.linalg.norm(g)
+    assert np.trace(A) > 1.0
+
+
+def test_local_lines_find_the_wall_and_not_the_loner() -> None:
+    wall = np.column_stack([np.linspace(0, 4, 9), 0.5 * np.linspace(0, 4, 9)])
+    xy = np.concatenate([wall, [[1.0, 2.5]], [[30.0, 30.0]]])
+    normal, is_line = local_lines(xy, np.array([0, len(xy)]), 3.0, 0.4)
+    np.testing.assert_array_equal(is_line, [True] * 9 + [False, False])
+    across = np.array([-1.0, 2.0]) / np.sqrt(5)
+    np.testing.assert_allclose(np.abs(normal[:9] @ across), 1.0, atol=1e-6)
+
+
+def test_local_lines_do_not_mix_scans() -> None:
+    wall = np.column_stack([np.linspace(0, 4, 6), np.zeros(6)])
+    _, is_line = local_lines(wall, np.array([0, 3, 6]), 10.0, 0.4)
+    assert not np.any(is_line)
+
+
+def paired(
+    xy: Array, scan: IntArray, is_line: BoolArray, normal: Array, **change: float
+) -> list[tuple[int, int]]:
+    scan_xy = np.array([[0.0, 0.0], [5.0, 0.0], [100.0, 0.0]])
+    gate = change.get("gate", 1.0)
+    i, j = partners(
+        xy,
+        grid(xy, gate),
+        scan,
+        3,
+        scan_xy,
+        change.get("radius", 30.0),
+        gate,
+        normal,
+        is_line,
+        np.ones(len(xy), dtype=bool),
+    )
+    return list(zip(i.tolist(), j.tolist(), strict=True))
+
+
+def test_partners_are_the_nearest_of_each_other_nearby_scan() -> None:
+    xy = np.array([[0.0, 0.0], [0.5, 0.0], [0.2, 0.0], [0.1, 0.0], [9.0, 9.0]])
+    scan = np.array([0, 1, 1, 2, 1])
+    no = np.zeros(5, dtype=bool)
+    # scan 2 was taken too far away, and echo 4 lies outside the gate
+    assert paired(xy, scan, no, np.zeros((5, 2))) == [(0, 2), (1, 0), (2, 0)]
+    near = paired(xy, scan, no, np.zeros((5, 2)), radius=1000.0)
+    assert near == [(0, 2), (0, 3), (1, 0), (1, 3), (2, 0), (2, 3), (3, 0), (3, 2)]
+    assert paired(xy, scan, no, np.zeros((5, 2)), gate=0.15) == []
+
+
+def test_walls_pair_with_walls_of_like_direction_only() -> None:
+    xy = np.zeros((4, 2)) + 1e-3 * np.arange(4)[:, None]
+    scan = np.array([0, 1, 1, 1])
+    is_line = np.array([True, True, True, False])
+    normal = np.array([[0.0, 1.0], [1.0, 0.0], [0.0, -1.0], [0.0, 0.0]])
+    assert paired(xy, scan, is_line, normal) == [(0, 2), (2, 0)]
+
+
+def test_mutual_choices() -> None:
+    scan = np.array([0, 1, 1])
+    i, j = np.array([0, 1, 2]), np.array([2, 0, 0])
+    np.testing.assert_array_equal(mutual(i, j, scan, 3), [True, False, True])
+
+
+def test_fixed_points_are_corners_and_scatterers() -> None:
+    wall = np.column_stack([np.linspace(-2, 2, 9), np.zeros(9)])
+    other = np.column_stack([np.full(9, 2.0), np.linspace(0, 4, 9)])
+    stray, corner = [[-1.0, 0.6]], [[1.8, 0.2]]
+    pile = [[20.0, 20.0], [20.1, 20.0], [20.0, 20.1]]
+    xy = np.concatenate([wall, other, stray, corner, pile, [[50.0, 0.0]]])
+    is_line = np.arange(len(xy)) < 18
+    normal = np.zeros((len(xy), 2))
+    normal[:9], normal[9:18] = [0.0, 1.0], [1.0, 0.0]
+    found = fixed_points(xy, grid(xy, 1.5), normal, is_line, 1.5)
+    assert not np.any(found[:18])  # echoes of walls
+    assert not found[18]  # stray echo beside one wall
+    assert found[19]  # corner
+    assert np.all(found[20:23])  # scatterer
+    assert not found[23]  # alone: nothing to compare with
+
+
+def test_squared_residuals_of_walls_and_points() -> None:
+    xy = np.array([[1.0, 2.0], [0.4, 1.5]])
+    cov = np.array([[[0.04, 0.01], [0.01, 0.09]], [[0.02, 0.0], [0.0, 0.05]]])
+    normal = np.array([[0.0, 1.0], [0.6, 0.8]])
+    e, S, n = xy[0] - xy[1], cov[0] + cov[1], normal[1]
+    i, j = np.array([0]), np.array([1])
+    on_wall = squared_residuals(i, j, xy, cov, normal, np.array([True, True]))
+    np.testing.assert_allclose(on_wall, (n @ e) ** 2 / (n @ S @ n))
+    off_wall = squared_residuals(i, j, xy, cov, normal, np.array([False, False]))
+    np.testing.assert_allclose(off_wall, 0.5 * e @ np.linalg.solve(S, e))

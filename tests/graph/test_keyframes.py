@@ -1,0 +1,52 @@
+"""Keyframe times: every scan's middle, never too far apart."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gtsam_nav.graph.keyframes import MIN_SPACING_S, keyframe_times, thin_scans
+
+
+@given(
+    start=st.floats(-10, 10),
+    length=st.floats(1.0, 100.0),
+    scans=st.lists(st.floats(-20, 120), max_size=15),
+    interval=st.floats(0.6, 20.0),
+)
+def test_scans_are_keyframes_and_no_spacing_is_too_long(
+    start: float, length: float, scans: list[float], interval: float
+) -> None:
+    stop = start + length
+    t_scans = np.unique(np.round(scans, 3))
+    t = keyframe_times(start, stop, t_scans, interval)
+    assert np.all(np.diff(t) > 0)
+    assert np.all(np.diff(t) <= interval * (1 + 1e-9))
+    inside = t_scans[(t_scans > start) & (t_scans < stop)]
+    assert np.all(np.isin(inside, t))
+    assert t[0] - start < MIN_SPACING_S
+    assert stop - t[-1] < MIN_SPACING_S
+    assert t[0] >= start
+    assert t[-1] <= stop
+
+
+def test_without_scans_the_span_is_divided_evenly() -> None:
+    np.testing.assert_allclose(keyframe_times(0.0, 10.0, np.empty(0), 4.0), [0, 10 / 3, 20 / 3, 10])
+
+
+def test_scan_beside_an_end_takes_its_place() -> None:
+    t = keyframe_times(0.0, 10.0, np.array([0.2, 9.9]), 20.0)
+    np.testing.assert_allclose(t, [0.2, 9.9])
+
+
+def test_scans_on_the_ends_change_nothing() -> None:
+    t = keyframe_times(0.0, 10.0, np.array([0.0, 10.0]), 20.0)
+    np.testing.assert_allclose(t, [0.0, 10.0])
+
+
+def test_thinning_keeps_a_spacing_and_the_first() -> None:
+    t = np.array([0.0, 0.5, 1.9, 2.0, 2.1, 4.5])
+    np.testing.assert_array_equal(thin_scans(t, 2.0), [0, 3, 5])
+    np.testing.assert_array_equal(thin_scans(t, 0.0), np.arange(6))
+    assert len(thin_scans(np.empty(0), 2.0)) == 0
