@@ -66,7 +66,10 @@ def estimate(
     EstimationError
         Where the estimator fails.
     """
+    from numpy.linalg import LinAlgError
+
     from gtsam_nav.config import Config
+    from gtsam_nav.errors import EstimationError
     from gtsam_nav.preprocess.gnss_policy import split_fixes
     from gtsam_nav.solution import no_progress
 
@@ -74,5 +77,9 @@ def estimate(
     config = config or Config()
     blind, reference, n_withheld = split_fixes(mission, config.gnss)
     run: Method = import_module(_METHODS[method]).estimate
-    solution = run(blind, config, progress or no_progress)
+    try:
+        solution = run(blind, config, progress or no_progress)
+    except (RuntimeError, ArithmeticError, LinAlgError) as error:
+        what = " ".join(str(error).split())[:300]
+        raise EstimationError(f"{method} could not solve '{mission.name}': {what}") from error
     return replace(solution, reference=reference, gnss_withheld=n_withheld)

@@ -438,9 +438,13 @@ class Mission:
         return replace(self, sensors={k: s for k, s in self.sensors.items() if k not in names})
 
     def crop(self, start_s: float = -np.inf, stop_s: float = np.inf) -> Mission:
-        """A copy with the samples of start <= t < stop; time keeps its zero."""
+        """A copy with the samples of start <= t < stop; time keeps its zero.
+
+        The stated initial state is that of the whole mission's start and goes with it.
+        """
         cropped = {
             name: replace(s, series=s.series.crop(start_s, stop_s))
             for name, s in self.sensors.items()
         }
-        return replace(self, sensors=cropped)
+        initial = self.initial if start_s <= self.span_s[0] else InitialState()
+        return replace(self, sensors=cropped, initial=initial)

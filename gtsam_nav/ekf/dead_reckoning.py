@@ -68,7 +68,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         method="dr",
         trajectory=_trajectory(filtered, mission),
         mission=mission,
-        georeferenced=start.georeferenced,
+        georeferenced=start.georeferenced and start.heading_known,
         rejections=(*mission.rejections, *rejections, *_gated(measurements, filtered)),
         warnings=mission.warnings,
         innovations=_innovations(measurements, filtered),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pydantic import model_validator
+
 from gtsam_nav.settings import Settings
 
 
@@ -15,3 +17,10 @@ class EvaluationSettings(Settings):
     """
 
     window_s: tuple[float, float] | None = None
+
+    @model_validator(mode="after")
+    def _window_is_ordered(self) -> EvaluationSettings:
+        if self.window_s is not None and not self.window_s[0] < self.window_s[1]:
+            start, stop = self.window_s
+            raise ValueError(f"the window [{start}, {stop}] is empty; start must be before stop")
+        return self

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,8 +25,8 @@ from gtsam_nav.graph.output import (
 from gtsam_nav.graph.problem import Problem, build_problem
 from gtsam_nav.graph.refinement import JointRefinement, Refined, refine_without_sonar
 from gtsam_nav.mission import Mission, Rejection, Sensor
-from gtsam_nav.preprocess.alignment import align
-from gtsam_nav.preprocess.motion import VehicleMotion, vehicle_motion
+from gtsam_nav.preprocess.alignment import Alignment, align
+from gtsam_nav.preprocess.motion import VehicleMotion, turn_onto_fixes, vehicle_motion
 from gtsam_nav.solution import Progress, Solution, SonarMap, StageClock
 from gtsam_nav.sonar.defects import WHOLE_SENSOR, sonar_defect
 from gtsam_nav.sonar.echoes import Echoes, echoes_of_scans, segment
@@ -65,8 +65,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     """
     clock = StageClock()
     with clock.stage("motion"):
-        start = align(mission)
-        motion = vehicle_motion(mission, start, config.motion)
+        start, motion = _start_and_motion(mission, config)
     mission, rejections, warnings = _leave_out_defective_sonar(mission, config)
     with clock.stage("sonar"):
         sonar = _sonar_data(mission, motion, config)
@@ -79,9 +78,6 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         online = run_online(problem, sonar.scans if sonar else [], scan_keyframe, config, progress)
     with clock.stage("batch"):
         values = solve_batch(online.backend.graph(), online.backend.values())
-    loops = loop_closures(
-        online.matches, t_scans, scan_keyframe, values, config.graph.loops.cauchy_k
-    )
     with clock.stage("refinement"):
         if sonar is not None and config.graph.refinement.max_iterations:
             graph = online.backend.graph(without=SCAN_MATCH)
@@ -93,6 +89,9 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     if not refined.converged:
         warnings = (*warnings, "the refinement stopped before it settled")
     values = refined.values
+    loops = loop_closures(
+        online.matches, t_scans, scan_keyframe, values, config.graph.loops.cauchy_k
+    )
     with clock.stage("covariance"):
         covariances = _covariances(problem, graph, refined)
     states = [values.atNavState(X(k)) for k in range(len(t))]
@@ -116,40 +115,64 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     )
 
 
-def _sonar(mission: Mission) -> Sensor | None:
-    return mission.first("beams") or mission.first("scans")
+def _start_and_motion(mission: Mission, config: Config) -> tuple[Alignment, VehicleMotion]:
+    """Alignment and motion; without a compass the fixes turn both the right way."""
+    start = align(mission)
+    motion = vehicle_motion(mission, start, config.motion)
+    if start.heading_known or not start.georeferenced:
+        return start, motion
+    turn = turn_onto_fixes(mission, motion)
+    if turn is None:
+        return replace(start, georeferenced=False), motion
+    start = replace(start, rpy=start.rpy + np.array([0.0, 0.0, turn]), heading_known=True)
+    return start, vehicle_motion(mission, start, config.motion)
 
 
 def _leave_out_defective_sonar(
     mission: Mission, config: Config
 ) -> tuple[Mission, tuple[Rejection, ...], tuple[str, ...]]:
-    """The mission without a sonar that cannot be used, with the reason recorded."""
-    sonar = _sonar(mission)
-    if sonar is None:
-        return mission, (), ()
-    defect = sonar_defect(sonar) if config.sonar.use else "switched off by sonar.use"
-    if not defect:
-        return mission, (), ()
-    rejection = Rejection(float(sonar.series.t[0]), sonar.name, WHOLE_SENSOR, defect)
-    log.warning("sonar '%s' is not used: %s", sonar.name, defect)
-    warning = f"sonar '{sonar.name}' is not used: {defect}"
-    return mission.without(sonar.name), (rejection,), (warning,)
+    """The mission with the sonar to be used alone; why the others are not is recorded."""
+    rejections: list[Rejection] = []
+    used: str | None = None
+    for sonar in [*mission.of_type("beams"), *mission.of_type("scans")]:
+        if not config.sonar.use:
+            defect = "switched off by sonar.use"
+        elif used is not None:
+            defect = f"the sonar '{used}' is used"
+        else:
+            defect = sonar_defect(sonar) or _without_echoes(sonar, config)
+        if not defect:
+            used = sonar.name
+            continue
+        log.warning("sonar '%s' is not used: %s", sonar.name, defect)
+        rejections.append(Rejection(float(sonar.series.t[0]), sonar.name, WHOLE_SENSOR, defect))
+        mission = mission.without(sonar.name)
+    warnings = tuple(f"sonar '{r.sensor}' is not used: {r.reason}" for r in rejections)
+    return mission, tuple(rejections), warnings
+
+
+def _echoes(sonar: Sensor, config: Config) -> Echoes:
+    if sonar.type == "beams":
+        return segment(sonar, config.sonar.segmentation)
+    return echoes_of_scans(sonar)
+
+
+def _without_echoes(sonar: Sensor, config: Config) -> str:
+    return "" if len(_echoes(sonar, config)) else "no echo stands out of its noise"
 
 
 def _sonar_data(mission: Mission, motion: VehicleMotion, config: Config) -> SonarData | None:
-    """Echoes, turns and scans; None without a sonar or without a single echo."""
-    sonar = _sonar(mission)
+    """Echoes, turns and scans; None without a sonar or without a single scan."""
+    sonar = mission.first("beams") or mission.first("scans")
     if sonar is None:
         return None
-    if sonar.type == "beams":
-        echoes = segment(sonar, config.sonar.segmentation)
-    else:
-        echoes = echoes_of_scans(sonar)
+    echoes = _echoes(sonar, config)
     turns = find_turns(sonar, config.sonar.scans.max_gap_s)
     kept = thin_scans(turns.t_ref, config.graph.scan_interval_s)
     turns = Turns(turns.first[kept], turns.last[kept], turns.t_ref[kept])
-    if len(echoes) == 0 or len(turns) == 0:
+    if len(turns) == 0:
         return None
+    echoes = echoes.select(turns.hold(echoes.beam))
     planar = PlanarMotion.of(
         motion.trajectory, motion.position_variance_m2_s, motion.yaw_variance_rad2_s
     )

@@ -1,8 +1,8 @@
 """Each sensor as native GTSAM factors on NavState keyframes.
 
-The native factors and why no callback factor is used are in ``gtsam``'s own documentation; each
-function here states the residual, which a conformance test compares with ``sensors``' predictions.
-Zero precision leaves a row unobserved.
+Each function states its residual, which a conformance test compares with ``sensors``' predictions.
+Zero precision leaves a row unobserved. No factor calls back into Python: such a factor is handed a
+copy of all values at each evaluation, which makes the solve quadratic in the mission's length.
 """
 
 from __future__ import annotations
@@ -67,6 +67,12 @@ def increment(
     noise = precisions([*rotation_precisions, *[1 / sigma_p**2] * 3, 0, 0, 0])
     measured = nav_state(R_ab, p_a, np.zeros(3))
     return gtsam.BetweenFactorNavState(a, b, measured, huber(k, noise))
+
+
+def turn(a: int, b: int, R_ab: Array, precision: float) -> Any:
+    """Yaw from keyframe a to b, and nothing else."""
+    noise = precisions([0, 0, precision, *[0] * 6])
+    return gtsam.BetweenFactorNavState(a, b, nav_state(R_ab, np.zeros(3), np.zeros(3)), noise)
 
 
 def depth(key: int, depth_m: float, lever_b: Array, sigma: float, huber_k: float) -> Any:

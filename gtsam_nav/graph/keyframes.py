@@ -8,8 +8,8 @@ import numpy as np
 
 from gtsam_nav.frames import Array
 
-MIN_SPACING_S = 0.5
-"""Keyframes that are not a scan's middle stay this far from those that are."""
+MIN_SPACING_S = 0.05
+"""Start and stop give way to a scan's middle that is nearer than this."""
 
 
 def keyframe_times(start_s: float, stop_s: float, scan_times: Array, interval_s: float) -> Array:
@@ -23,10 +23,9 @@ def keyframe_times(start_s: float, stop_s: float, scan_times: Array, interval_s:
     interval_s : float
         Longest spacing.
     """
-    inner = scan_times[(scan_times > start_s) & (scan_times < stop_s)]
-    first = [start_s] if len(inner) == 0 or inner[0] - start_s >= MIN_SPACING_S else []
-    last = [stop_s] if len(inner) == 0 or stop_s - inner[-1] >= MIN_SPACING_S else []
-    anchors = np.concatenate([first, inner, last])
+    inner = scan_times[(scan_times >= start_s) & (scan_times <= stop_s)]
+    ends = [t for t in (start_s, stop_s) if np.all(np.abs(inner - t) >= MIN_SPACING_S)]
+    anchors = np.unique(np.concatenate([ends, inner]))
     pieces = [
         np.linspace(a, b, int(np.ceil((b - a) / interval_s)), endpoint=False)
         for a, b in pairwise(anchors)

@@ -136,14 +136,16 @@ def loop_closures(
         if not m.is_loop:
             continue
         weight = _weight(m, scan_keyframe, values, cauchy_k) if m.accepted else None
-        sigma = np.sqrt(np.diag(m.match.cov))
+        # a registration that never ran has nothing to report
+        tried = 1.0 if m.match.iterations else np.nan
+        q, sigma = tried * m.match.q, tried * np.sqrt(np.diag(m.match.cov))
         closures.append(
             LoopClosure(
                 t_a=float(t_scans[m.a]),
                 t_b=float(t_scans[m.b]),
-                dx_m=float(m.match.q[0]),
-                dy_m=float(m.match.q[1]),
-                dyaw=float(m.match.q[2]),
+                dx_m=float(q[0]),
+                dy_m=float(q[1]),
+                dyaw=float(q[2]),
                 sigma_x_m=float(sigma[0]),
                 sigma_y_m=float(sigma[1]),
                 sigma_yaw=float(sigma[2]),
@@ -174,7 +176,9 @@ def pose_graph(
         dt = float(problem.t[k] - problem.t[k - 1])
         R_ab, p_a = problem.increment(k - 1, k)
         yaw_variance = problem.motion.yaw_variance_rad2_s * dt
-        position_variance = problem.motion.position_variance_m2_s * dt
+        position_variance = float(
+            problem.motion.displacement_variance(problem.t[k - 1], problem.t[k])
+        )
         information = np.diag(1.0 / np.array([yaw_variance] * 3 + [position_variance] * 3))
         edges.append(PoseGraphEdge(k - 1, k, R_ab, p_a, information))
     edges += [_match_edge(m, scan_keyframe) for m in matches if m.accepted]

@@ -26,8 +26,12 @@ from gtsam_nav.sensors.noise import (
 )
 from gtsam_nav.sensors.orientation import headings_true, tilt_at
 
-VAGUE_M = 1e3
-"""Spread of a start position that the sensors' own factors know better."""
+VAGUE_M, VAGUE_RAD = 1e3, np.pi
+"""Spread of what the sensors' own factors know better of the start."""
+RECEIVER_STRIDE = 10**7
+"""Apart in the numbering of GNSS errors: more keyframes than any mission has."""
+UNMEASURED_TURN_RAD2_S = np.radians(3.0) ** 2
+"""Growth of the variance of a turn that neither gyro nor compass saw."""
 MAX_IMU_GAP_S = 0.2
 """An interval with a longer silence of the IMU is bridged by the other sensors."""
 
@@ -78,7 +82,7 @@ class Problem:
     has_compass: bool
     gyro_bias_i: Array = field(default_factory=lambda: np.zeros(3))
     n_fixes: int = 0
-    gnss_errors: list[int] = field(default_factory=list)
+    gnss_errors: dict[int, list[int]] = field(default_factory=dict)
     displacements: list[Displacement] = field(default_factory=list)
     calibration_sigma: Array = field(default_factory=lambda: np.zeros(2))
 
@@ -91,8 +95,7 @@ class Problem:
             values.append((M(k), gtsam.NavState()))
             if k == 0:
                 values.append((M(len(self.t)), gtsam.NavState()))
-        if k in self.gnss_errors:
-            values.append((G(k), gtsam.NavState()))
+        values += [(key, gtsam.NavState()) for key in self.gnss_errors.get(k, [])]
         return values
 
     def bias(self) -> Any:
@@ -118,10 +121,8 @@ class Problem:
         """Keyframe b in keyframe a by the vehicle's own motion, with its uncertainty."""
         c, s = np.cos(self.rpy[a, 2]), np.sin(self.rpy[a, 2])
         dt = self.t[b] - self.t[a]
-        position, yaw = (
-            self.motion.position_variance_m2_s * dt,
-            self.motion.yaw_variance_rad2_s * dt,
-        )
+        position = float(self.motion.displacement_variance(self.t[a], self.t[b]))
+        yaw = self.motion.yaw_variance_rad2_s * dt
         ne = np.array([[c, s], [-s, c]]) @ (self.p_n[b] - self.p_n[a])[:2]
         return PlanarPose(
             ne, float(self.rpy[b, 2] - self.rpy[a, 2]), np.diag([position, position, yaw])
@@ -155,10 +156,11 @@ def build_problem(
     if headings is not None:
         _add_headings(problem, mission, config)
     else:
-        _add_tilt(problem, mission, config)
-    _add_depth(problem, mission, start, config)
-    for receiver in mission.of_type("gnss"):
-        _add_gnss(problem, mission, receiver, config)
+        for k in range(len(t)):
+            _add_tilt(problem, mission, k, config)
+    _add_depth(problem, mission, config)
+    for number, receiver in enumerate(mission.of_type("gnss")):
+        _add_gnss(problem, mission, receiver, number, config)
     return problem
 
 
@@ -172,11 +174,15 @@ def _preintegrable_imu(mission: Mission, min_rate_hz: float) -> Sensor | None:
 def _add_start(problem: Problem, mission: Mission, start: Alignment) -> None:
     # what is a factor of its own must not count twice
     sigma_rpy, sigma_p = start.sigma_rpy.copy(), start.sigma_p.copy()
-    if problem.has_compass and mission.initial.heading is None:
-        sigma_rpy[2] = np.pi
-    if mission.first("gnss") is not None and mission.initial.p_n is None:
-        sigma_p[:2] = VAGUE_M
-    sigma_p[2] = VAGUE_M
+    has_gnss = mission.first("gnss") is not None
+    if mission.first("attitude") is not None:
+        sigma_rpy[:2] = VAGUE_RAD
+    if mission.initial.heading is None and (problem.has_compass or has_gnss):
+        sigma_rpy[2] = VAGUE_RAD
+    if has_gnss and mission.initial.p_n is None:
+        sigma_p[:] = VAGUE_M
+    if mission.first("depth") is not None:
+        sigma_p[2] = VAGUE_M
     prior = factors.start_prior(X(0), problem.initial_state(0), start.R_nb, sigma_rpy, sigma_p)
     problem.add(0, "start", prior)
 
@@ -184,10 +190,11 @@ def _add_start(problem: Problem, mission: Mission, start: Alignment) -> None:
 def _add_increments(problem: Problem, config: Config, yaw_by_motion: bool) -> None:
     """Displacements by DVL or odometry; their yaw too where nothing better turns the vehicle."""
     motion = problem.motion
+    variance = motion.displacement_variance(problem.t[:-1], problem.t[1:])
     for k in range(1, len(problem.t)):
         dt = problem.t[k] - problem.t[k - 1]
         R_ab, p_a = problem.increment(k - 1, k)
-        sigma_p = float(np.sqrt(motion.position_variance_m2_s * dt))
+        sigma_p = float(np.sqrt(variance[k - 1]))
         rotation = np.zeros(3)
         if yaw_by_motion:
             rotation[2] = 1.0 / (motion.yaw_variance_rad2_s * dt)
@@ -257,6 +264,7 @@ def _bridge_imu_gap(problem: Problem, k: int, huber_k: float) -> None:
     sigma = float(np.interp(problem.t[k], problem.motion.t, problem.motion.sigma_v))
     factor = factors.velocity(X(k), problem.v_b[k], sigma, huber_k)
     problem.add(k, "velocity", factor)
+    _add_unmeasured_turn(problem, k)
 
 
 def _add_headings(problem: Problem, mission: Mission, config: Config) -> None:
@@ -283,6 +291,18 @@ def _add_headings(problem: Problem, mission: Mission, config: Config) -> None:
             sigmas = np.array([sigma_tilt[k], sigma_tilt[k], sigma_yaw[k]])
             factor = factors.orientation(M(k), X(k), R_measured[k], sigmas, config.graph.huber_k)
             problem.add(k, "heading", factor)
+        else:
+            _add_tilt(problem, mission, k, config)
+            _add_unmeasured_turn(problem, k)
+
+
+def _add_unmeasured_turn(problem: Problem, k: int) -> None:
+    """Ties the yaw of a keyframe without a reading loosely to its neighbours'."""
+    for a, b in ((k - 1, k), (k, k + 1)):
+        if a >= 0 and b < len(problem.t):
+            R_ab, _ = problem.increment(a, b)
+            precision = 1.0 / (UNMEASURED_TURN_RAD2_S * (problem.t[b] - problem.t[a]))
+            problem.add(b, "heading", factors.turn(X(a), X(b), R_ab, precision))
 
 
 def _averaged_orientations(problem: Problem, mission: Mission) -> tuple[Array, Array]:
@@ -307,28 +327,29 @@ def _averaged_orientations(problem: Problem, mission: Mission) -> tuple[Array, A
     return R_measured, np.where(count > 0, sigma, np.inf)
 
 
-def _add_tilt(problem: Problem, mission: Mission, config: Config) -> None:
-    tilt, sigma = tilt_at(mission, problem.t)
-    for k in range(len(problem.t)):
-        rpy = np.array([tilt[k, 0], tilt[k, 1], 0.0])
-        problem.add(k, "attitude", factors.tilt(X(k), rpy, float(sigma[k]), config.graph.huber_k))
+def _add_tilt(problem: Problem, mission: Mission, k: int, config: Config) -> None:
+    """Roll and pitch of a keyframe without a heading."""
+    tilt, sigma = tilt_at(mission, problem.t[k : k + 1])
+    rpy = np.array([*tilt[0], 0.0])
+    problem.add(k, "attitude", factors.tilt(X(k), rpy, float(sigma[0]), config.graph.huber_k))
 
 
-def _add_depth(problem: Problem, mission: Mission, start: Alignment, config: Config) -> None:
+def _add_depth(problem: Problem, mission: Mission, config: Config) -> None:
     sensor = mission.first("depth")
+    if sensor is None:
+        return
+    series = sensor.series
+    assert isinstance(series, DepthSeries)
     for k, t in enumerate(problem.t):
-        if sensor is None:  # a vehicle that does not measure depth keeps to the surface
-            factor = factors.depth(X(k), start.p_n[2], np.zeros(3), 1.0, config.graph.huber_k)
-        else:
-            series = sensor.series
-            assert isinstance(series, DepthSeries)
-            depth_m = float(np.interp(t, series.t, series.depth_m))
-            sigma = float(np.interp(t, series.t, series.sigma))
-            factor = factors.depth(X(k), depth_m, sensor.xyz_b, sigma, config.graph.huber_k)
-        problem.add(k, "depth" if sensor else "surface", factor)
+        depth_m = float(np.interp(t, series.t, series.depth_m))
+        sigma = float(np.interp(t, series.t, series.sigma))
+        factor = factors.depth(X(k), depth_m, sensor.xyz_b, sigma, config.graph.huber_k)
+        problem.add(k, sensor.name, factor)
 
 
-def _add_gnss(problem: Problem, mission: Mission, gnss: Sensor, config: Config) -> None:
+def _add_gnss(
+    problem: Problem, mission: Mission, gnss: Sensor, number: int, config: Config
+) -> None:
     """Each fix at the keyframe nearest in time, carried there by the vehicle's own motion.
 
     Where the card says that fixes share an error, that error is a state of its own: a Gauss-Markov
@@ -340,12 +361,14 @@ def _add_gnss(problem: Problem, mission: Mission, gnss: Sensor, config: Config) 
     if mission.first("depth") is not None and not config.gnss.use_height:
         sigma[:, 2] = np.inf
     if noise.correlated_share > 0:
-        _add_shared_gnss_error(problem, gnss.name, fixes, noise)
+        _add_shared_gnss_error(problem, gnss.name, number, fixes, noise)
     for k, p_n, arm_n, s in zip(
         fixes.keyframe.tolist(), fixes.p_n, fixes.arm_n, sigma, strict=True
     ):
         if noise.correlated_share > 0:
-            factor = factors.gnss_with_error(G(k), X(k), p_n - arm_n, s, config.gnss.huber_k)
+            factor = factors.gnss_with_error(
+                _error_key(number, k), X(k), p_n - arm_n, s, config.gnss.huber_k
+            )
         else:
             factor = factors.gnss(X(k), p_n, gnss.xyz_b, s, config.gnss.huber_k)
         problem.add(k, gnss.name, factor)
@@ -377,19 +400,26 @@ def _fixes_at_keyframes(problem: Problem, gnss: Sensor) -> _Fixes:
         p_n=series.p_n - (p_fix - p_key) - arm_moved,
         arm_n=arm_n,
         sigma=series.sigma,
-        carried_variance=problem.motion.position_variance_m2_s
-        * np.abs(series.t - problem.t[nearest]),
+        carried_variance=problem.motion.displacement_variance(series.t, problem.t[nearest]),
     )
 
 
-def _add_shared_gnss_error(problem: Problem, name: str, fixes: _Fixes, noise: GnssNoise) -> None:
+def _error_key(receiver: int, k: int) -> int:
+    """Key of a receiver's shared error at keyframe k."""
+    return int(G(receiver * RECEIVER_STRIDE + k))
+
+
+def _add_shared_gnss_error(
+    problem: Problem, name: str, number: int, fixes: _Fixes, noise: GnssNoise
+) -> None:
     keyframes = np.unique(fixes.keyframe)
     sigma = float(np.median(fixes.sigma[:, :2])) * np.sqrt(noise.correlated_share)
     shared = gauss_markov(problem.t[keyframes], sigma, noise.correlation_time_s)
     for i, k in enumerate(keyframes.tolist()):
-        problem.add(k, name, factors.gnss_error_prior(G(k), float(shared.tie[i])))
+        key = _error_key(number, k)
+        problem.add(k, name, factors.gnss_error_prior(key, float(shared.tie[i])))
         if i:
-            previous = int(keyframes[i - 1])
-            link = factors.gnss_error_link(G(previous), G(k), float(shared.link[i - 1]))
+            previous = _error_key(number, int(keyframes[i - 1]))
+            link = factors.gnss_error_link(previous, key, float(shared.link[i - 1]))
             problem.add(k, name, link)
-        problem.gnss_errors.append(k)
+        problem.gnss_errors.setdefault(k, []).append(key)

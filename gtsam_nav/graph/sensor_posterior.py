@@ -17,7 +17,7 @@ from gtsam_nav.errors import EstimationError
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.backend import planar_rows
 from gtsam_nav.graph.factors import X
-from gtsam_nav.graph.problem import Problem
+from gtsam_nav.graph.problem import RECEIVER_STRIDE, Problem
 from gtsam_nav.mission import IntArray
 
 
@@ -200,5 +200,5 @@ def _columns(values: Any) -> tuple[dict[int, slice], IntArray]:
 
 def _order_in_time(columns: dict[int, slice]) -> IntArray:
     """Columns with all variables of a keyframe together: the chain's factors then stay narrow."""
-    by_time = sorted(columns, key=lambda key: (gtsam.Symbol(key).index(), key))
+    by_time = sorted(columns, key=lambda key: (gtsam.Symbol(key).index() % RECEIVER_STRIDE, key))
     return np.concatenate([np.arange(columns[key].start, columns[key].stop) for key in by_time])

@@ -35,6 +35,8 @@ class Alignment:
         Roll, pitch, yaw and their standard deviations, rad.
     georeferenced : bool
         Whether the position is known in the navigation frame, or merely its zero.
+    heading_known : bool
+        Whether the yaw is measured or stated; else it is merely the local frame's zero.
     """
 
     t: float
@@ -43,6 +45,7 @@ class Alignment:
     rpy: Array
     sigma_rpy: Array
     georeferenced: bool
+    heading_known: bool = True
 
     @property
     def R_nb(self) -> Array:  # noqa: N802
@@ -78,7 +81,8 @@ def align(mission: Mission) -> Alignment:
         p_n[2] = series.depth_m[0] - R_nb[2] @ depth.xyz_b
         sigma_p[2] = series.sigma[0]
     sigma_rpy = np.array([sigma_tilt, sigma_tilt, sigma_heading])
-    return Alignment(start, p_n, sigma_p, rpy, sigma_rpy, georeferenced)
+    known = mission.initial.heading is not None or headings_true(mission) is not None
+    return Alignment(start, p_n, sigma_p, rpy, sigma_rpy, georeferenced, known)
 
 
 def _heading(mission: Mission) -> tuple[float, float]:

@@ -15,6 +15,7 @@ from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, quaternion_from_rpy, rotation_from_rpy
 from gtsam_nav.mission import (
     BoolArray,
+    GnssSeries,
     HeadingSeries,
     ImuSeries,
     Mission,
@@ -30,6 +31,8 @@ from gtsam_nav.sensors.prediction import chi2_limit
 from gtsam_nav.sensors.rates import angular_rate_b
 from gtsam_nav.trajectory import Trajectory
 
+SPREAD_SIGMAS = 5.0
+"""Fixes tell a heading once they spread this many of their sigmas."""
 MAX_RATE_GAP_S = 0.5
 """A yaw rate is not carried over a longer silence if there is a compass."""
 SPIKE_PROBABILITY = 0.99999
@@ -51,8 +54,11 @@ class VehicleMotion:
         Smoothed body velocity, m/s.
     sigma_v : ndarray, shape (n,)
         Of each component of ``v_b``, m/s.
+    position_variance : ndarray, shape (n,)
+        Variance of the displacement since the start, each axis, m^2: what the velocity's white
+        noise and its gaps add up to.
     position_variance_m2_s : float
-        Growth of the variance of a displacement, each axis.
+        Its growth where readings come at their usual rate.
     yaw_variance_rad2_s : float
         Growth of the variance of a turn.
     gyro_bias_b : ndarray, shape (3,)
@@ -65,6 +71,7 @@ class VehicleMotion:
     rpy: Array
     v_b: Array
     sigma_v: Array
+    position_variance: Array
     position_variance_m2_s: float
     yaw_variance_rad2_s: float
     gyro_bias_b: Array
@@ -80,6 +87,11 @@ class VehicleMotion:
             q_nb_wxyz=quaternion_from_rpy(self.rpy),
             v_n=np.einsum("nij,nj->ni", R_nb, self.v_b),
         )
+
+    def displacement_variance(self, from_s: Array, to_s: Array) -> Array:
+        """Variance of the displacement between given times, each axis, m^2."""
+        a, b = (np.interp(t, self.t, self.position_variance) for t in (from_s, to_s))
+        return np.asarray(np.abs(b - a))
 
     def at(self, t: Array) -> tuple[Array, Array]:
         """Position (k, 3) and roll, pitch, unwrapped yaw (k, 3) at given times."""
@@ -103,7 +115,7 @@ def vehicle_motion(mission: Mission, start: Alignment, settings: MotionSettings)
     t = start.t + np.arange(int((stop - start.t) * settings.rate_hz) + 1) / settings.rate_hz
     if t[-1] < stop:
         t = np.append(t, stop)
-    v_b, sigma_v, position_variance, rejections = _velocities(mission, t, settings)
+    v_b, sigma_v, position_variance, usual_growth, rejections = _velocities(mission, t, settings)
     yaw, yaw_variance, gyro_bias_b = _yaw(mission, t, start, settings)
     tilt, _ = tilt_at(mission, t)
     rpy = np.column_stack([tilt, yaw])
@@ -111,13 +123,45 @@ def vehicle_motion(mission: Mission, start: Alignment, settings: MotionSettings)
     steps = 0.5 * (v_n[1:] + v_n[:-1]) * np.diff(t)[:, None]
     p_n = start.p_n + np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
     return VehicleMotion(
-        t, p_n, rpy, v_b, sigma_v, position_variance, yaw_variance, gyro_bias_b, rejections
+        t=t,
+        p_n=p_n,
+        rpy=rpy,
+        v_b=v_b,
+        sigma_v=sigma_v,
+        position_variance=position_variance,
+        position_variance_m2_s=usual_growth,
+        yaw_variance_rad2_s=yaw_variance,
+        gyro_bias_b=gyro_bias_b,
+        rejections=rejections,
     )
+
+
+def turn_onto_fixes(mission: Mission, motion: VehicleMotion) -> float | None:
+    """How far a motion must turn to follow the mission's fixes, rad; None where they do not say.
+
+    The least-squares rotation between both tracks; the fixes must spread over well more than
+    their own noise.
+    """
+    gnss = mission.first("gnss")
+    if gnss is None:
+        return None
+    series = gnss.series
+    assert isinstance(series, GnssSeries)
+    inside = (series.t >= motion.t[0]) & (series.t <= motion.t[-1])
+    if np.sum(inside) < 2:
+        return None
+    fixes = series.p_n[inside, 0] + 1j * series.p_n[inside, 1]
+    own_n, _ = motion.at(series.t[inside])
+    own = own_n[:, 0] + 1j * own_n[:, 1]
+    fixes, own = fixes - fixes.mean(), own - own.mean()
+    if np.std(fixes) < SPREAD_SIGMAS * float(np.median(series.sigma[inside, :2])):
+        return None
+    return float(np.angle(np.sum(np.conj(own) * fixes)))
 
 
 def _velocities(
     mission: Mission, t: Array, settings: MotionSettings
-) -> tuple[Array, Array, float, tuple[Rejection, ...]]:
+) -> tuple[Array, Array, Array, float, tuple[Rejection, ...]]:
     """Smoothed body velocity on the grid, its sigma, and the random walk that its noise makes."""
     z, rejections = _velocity_readings(mission, settings)
     densities = np.array(
@@ -133,8 +177,25 @@ def _velocities(
         for k in np.flatnonzero(~used)
     )
     # white readings every dt integrate to a random walk of variance sigma^2 dt per second
-    position_variance = float(np.median(z.sigma**2) * np.median(np.diff(z.t)))
-    return v_b, sigma_v, position_variance, (*rejections, *spikes)
+    usual_growth = float(np.median(z.sigma**2) * np.median(np.diff(z.t)))
+    position_variance = _walked(t, z.t[used], usual_growth, settings.sigma_accel_m_s2)
+    return v_b, sigma_v, position_variance, usual_growth, (*rejections, *spikes)
+
+
+def _walked(t: Array, t_readings: Array, usual_growth: float, sigma_accel: float) -> Array:
+    """Variance of the position since the start: usual growth, and more where readings lack.
+
+    Over a gap of length L a velocity that walks with density q and is known at both ends leaves
+    the displacement uncertain by ``q L^3 / 12``; known at one end only, by ``q L^3 / 3``.
+    """
+    q = sigma_accel**2
+    marks = np.concatenate([[min(t[0], t_readings[0])], t_readings, [max(t[-1], t_readings[-1])]])
+    gap = np.diff(marks)
+    usual_gap = float(np.median(np.diff(t_readings)))
+    excess = np.where(gap > 3 * usual_gap, q * gap**3 / 12, 0.0)
+    excess[[0, -1]] = q * gap[[0, -1]] ** 3 / 3
+    total = np.concatenate([[0.0], np.cumsum(usual_growth * gap + excess)])
+    return np.interp(t, marks, total)
 
 
 def _smooth_each_axis(

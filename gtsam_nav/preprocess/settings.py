@@ -24,4 +24,4 @@ class MotionSettings(Settings):
     sigma_vertical_accel_m_s2: float = Field(default=0.02, gt=0)
     sigma_yaw_accel_rad_s2: float = Field(default=0.1, gt=0)
     water_lock_after_s: float = Field(default=10.0, ge=0)
-    rate_hz: float = Field(default=10.0, ge=10)
+    rate_hz: float = Field(default=10.0, ge=10, le=1000)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gtsam_nav.frames import Array, wrap_angle
-from gtsam_nav.mission import BeamSeries, IntArray, ScanSeries, Sensor
+from gtsam_nav.mission import BeamSeries, BoolArray, IntArray, ScanSeries, Sensor
 from gtsam_nav.sensors.noise import SonarNoise
 from gtsam_nav.sonar._peaks import strongest_peaks
 from gtsam_nav.sonar.settings import SegmentationSettings
@@ -48,6 +48,16 @@ class Echoes:
 
     def __len__(self) -> int:
         return len(self.t)
+
+    def select(self, which: BoolArray) -> Echoes:
+        """The echoes that a mask picks."""
+        return Echoes(
+            t=self.t[which],
+            beam=self.beam[which],
+            xy_b=self.xy_b[which],
+            cov_b=self.cov_b[which],
+            strength=self.strength[which],
+        )
 
 
 def segment(sonar: Sensor, settings: SegmentationSettings) -> Echoes:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gtsam_nav.frames import Array, wrap_angle
-from gtsam_nav.mission import BeamSeries, IntArray, ScanSeries, Sensor
+from gtsam_nav.mission import BeamSeries, BoolArray, IntArray, ScanSeries, Sensor
 from gtsam_nav.sonar.echoes import Echoes
 from gtsam_nav.sonar.motion import PlanarMotion
 
@@ -26,6 +26,11 @@ class Turns:
 
     def __len__(self) -> int:
         return len(self.t_ref)
+
+    def hold(self, beam: IntArray) -> BoolArray:
+        """Which beams belong to one of the scans."""
+        scan = np.searchsorted(self.first, beam, side="right") - 1
+        return np.asarray((scan >= 0) & (beam < self.last[np.maximum(scan, 0)]))
 
 
 @dataclass(frozen=True)

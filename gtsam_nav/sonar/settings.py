@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from gtsam_nav.settings import Settings
 
@@ -32,6 +32,14 @@ class SegmentationSettings(Settings):
     max_threshold: int = Field(default=150, ge=1, le=255)
     min_separation_m: float = Field(default=2.0, gt=0)
     max_echoes: int = Field(default=2, ge=1)
+
+    @model_validator(mode="after")
+    def _limits_are_ordered(self) -> SegmentationSettings:
+        if not self.min_range_m < self.max_range_m:
+            raise ValueError("min_range_m must be smaller than max_range_m")
+        if self.min_intensity > self.max_threshold:
+            raise ValueError("min_intensity must not exceed max_threshold")
+        return self
 
 
 class ScanSettings(Settings):

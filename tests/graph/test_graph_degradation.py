@@ -1,0 +1,190 @@
+"""The graph on missions that lack something: a recorded degradation and a result, nothing lost."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import gtsam_nav as gn
+from gtsam_nav.frames import Array
+from gtsam_nav.mission import BeamSeries, Mission, ScanSeries, Sensor
+from gtsam_nav.solution import Solution
+from gtsam_nav.sonar.defects import WHOLE_SENSOR
+from gtsam_nav.sonar.echoes import segment
+from gtsam_nav.sonar.scans import find_turns
+
+DURATION_S = 60.0
+SOON = ("graph.loops.min_separation_s=20", "graph.loops.radius_m=30")
+"""In a minute the vehicle comes back to no place: let scans half a minute apart be loops."""
+
+
+@pytest.fixture(scope="module")
+def mission() -> Mission:
+    return gn.simulate("marina", seed=3, duration_s=DURATION_S)
+
+
+def estimated(mission: Mission, *overrides: str) -> Solution:
+    return gn.estimate(mission, "graph", gn.load_config(None, overrides))
+
+
+def assert_sound(solution: Solution) -> None:
+    """A whole trajectory with positive covariances."""
+    trajectory = solution.trajectory
+    assert trajectory.t[0] < 1.0
+    assert trajectory.t[-1] > DURATION_S - 1.0
+    assert trajectory.cov_pose_n is not None
+    assert np.all(np.linalg.eigvalsh(trajectory.cov_pose_n[::50]) > 0)
+    assert solution.online is not None
+    assert len(solution.online) == solution.n_keyframes
+
+
+def rmse_m(solution: Solution) -> float:
+    errors = gn.evaluate(solution).ate.none
+    assert errors is not None
+    return errors.rmse
+
+
+def with_beams(mission: Mission, **change: Array) -> Mission:
+    sonar = mission.sensors["sonar"]
+    assert isinstance(sonar.series, BeamSeries)
+    return mission.with_sensor(replace(sonar, series=replace(sonar.series, **change)))
+
+
+@pytest.mark.parametrize("fault", ["off", "silent", "frozen"])
+def test_unusable_sonar_is_recorded(mission: Mission, fault: str) -> None:
+    series = mission.sensors["sonar"].series
+    assert isinstance(series, BeamSeries)
+    faulty, overrides, reason = {
+        "off": (mission, ["sonar.use=false"], "switched off by sonar.use"),
+        "silent": (
+            with_beams(mission, intensity=np.zeros_like(series.intensity)),
+            [],
+            "all echo intensities are zero",
+        ),
+        "frozen": (
+            with_beams(mission, angle=np.full(len(series), 1.0)),
+            [],
+            "the head angle never changes",
+        ),
+    }[fault]
+    solution = estimated(faulty, *overrides)
+    assert_sound(solution)
+    whole = [r for r in solution.rejections if r.index == WHOLE_SENSOR]
+    assert [(r.sensor, r.reason) for r in whole] == [("sonar", reason)]
+    assert any("sonar" in warning and reason in warning for warning in solution.warnings)
+    assert solution.sonar_map is None
+    assert solution.sonar_kind is None
+    assert solution.loops == ()
+    assert rmse_m(solution) < 1.0
+
+
+def test_odometry_stands_in_for_the_dvl(mission: Mission) -> None:
+    solution = estimated(mission.without("dvl"))
+    assert_sound(solution)
+    assert rmse_m(solution) < 1.0
+
+
+def test_without_gnss_nothing_is_georeferenced(mission: Mission) -> None:
+    solution = estimated(mission.without("gnss"))
+    assert_sound(solution)
+    assert not solution.georeferenced
+    ate = gn.evaluate(solution).ate
+    assert ate.none is None
+    assert ate.se2 is not None
+    assert ate.se2.rmse < 1.0
+
+
+def test_dvl_and_sonar_alone(mission: Mission) -> None:
+    """Nothing measures heading, attitude, depth or position."""
+    lost = ("gnss", "heading", "attitude", "depth", "imu", "odometry", "landmarks")
+    solution = estimated(mission.without(*lost))
+    assert_sound(solution)
+    assert not solution.georeferenced
+    assert solution.slow_states is not None
+    assert not solution.slow_states.columns
+
+
+def test_slow_imu_is_not_preintegrated(mission: Mission) -> None:
+    imu = mission.sensors["imu"]
+    slow = mission.with_sensor(replace(imu, series=imu.series.select(slice(None, None, 10))))
+    solution = estimated(slow)
+    assert_sound(solution)
+    assert solution.slow_states is not None
+    assert set(solution.slow_states.columns) == {"heading_bias_rad"}
+    assert rmse_m(solution) < 1.0
+
+
+def test_imu_gap_is_bridged(mission: Mission) -> None:
+    imu = mission.sensors["imu"]
+    t = imu.series.t
+    gap = mission.with_sensor(replace(imu, series=imu.series.select((t < 20) | (t > 27))))
+    solution = estimated(gap)
+    assert_sound(solution)
+    assert rmse_m(solution) < 1.0
+
+
+def test_short_mission_without_a_scan(mission: Mission) -> None:
+    """Three seconds: a start, a stop, no turn of the head in between."""
+    solution = estimated(mission.crop(0.0, 3.0))
+    assert len(solution.trajectory) > 10
+    assert solution.loops == ()
+
+
+def as_scans(mission: Mission) -> Mission:
+    """The same sonar as scans that were extracted elsewhere, each moved to its middle's frame."""
+    sonar, config = mission.sensors["sonar"], gn.Config()
+    assert mission.reference is not None
+    echoes = segment(sonar, config.sonar.segmentation)
+    turns = find_turns(sonar, config.sonar.scans.max_gap_s)
+    dead_reckoned = gn.estimate(mission, "dr", config).trajectory
+    points, first = [], [0]
+    for begin, end, t_ref in zip(turns.first, turns.last, turns.t_ref, strict=True):
+        own = (echoes.beam >= begin) & (echoes.beam < end)
+        t, which = np.unique(echoes.t[own], return_inverse=True)
+        there = dead_reckoned.interpolate(np.clip(t, *dead_reckoned.t[[0, -1]]))
+        here = dead_reckoned.interpolate([t_ref])
+        xyz_b = np.column_stack([echoes.xy_b[own], np.zeros(own.sum())])
+        p_n = there.p_n[which] + np.einsum("kij,kj->ki", there.R_nb[which], xyz_b)
+        points.append((p_n - here.p_n[0]) @ here.R_nb[0])
+        first.append(first[-1] + int(own.sum()))
+    series = ScanSeries(t=turns.t_ref, first=np.array(first), points_b=np.concatenate(points))
+    scans = Sensor(name="scans", type="scans", series=series, noise=sonar.noise)
+    return mission.without("sonar").with_sensor(scans)
+
+
+def test_scans_extracted_elsewhere_run_the_same_way(mission: Mission) -> None:
+    solution = estimated(as_scans(mission))
+    assert_sound(solution)
+    assert solution.sonar_kind == "recorded"
+    assert solution.sonar_map is not None
+    assert solution.pose_graph is not None
+    # scan matches beside the motion between keyframes
+    assert len(solution.pose_graph.edges) > solution.n_keyframes - 1
+    assert rmse_m(solution) < 0.6
+
+
+def test_every_candidate_loop_has_a_verdict(mission: Mission) -> None:
+    solution = estimated(mission, *SOON)
+    assert len(solution.loops) >= 2
+    for loop in solution.loops:
+        assert loop.t_b - loop.t_a >= 20.0
+        assert loop.verdict in ("accepted", "rejected")
+        if loop.verdict == "accepted":
+            assert loop.reason == ""
+            assert loop.weight is not None
+            assert 0 < loop.weight <= 1
+        else:
+            assert loop.reason
+            assert loop.weight is None
+    counts = gn.evaluate(solution).loops
+    assert counts.proposed == len(solution.loops) == counts.accepted + counts.rejected
+
+
+def test_impossible_gate_rejects_every_loop_with_its_reason(mission: Mission) -> None:
+    solution = estimated(mission, *SOON, "graph.loops.gate_probability=1e-9")
+    assert_sound(solution)
+    assert solution.loops
+    assert {loop.verdict for loop in solution.loops} == {"rejected"}
+    assert all(loop.reason for loop in solution.loops)
