@@ -51,6 +51,8 @@ class PairsResult:
     success: float
     median_m: float
     median_deg: float
+    median_nees: float
+    """Squared error over the stated covariance; 2.37 if that were exact (3 degrees of freedom)."""
     ms_per_pair: float
 
 
@@ -90,14 +92,17 @@ def measure(
     """Register all pairs from starts with errors of given standard deviations (m, deg)."""
     rng = np.random.default_rng(seed)
     sigma = np.array([start[0], start[0], np.radians(start[1])])
-    errors, failed, seconds = np.empty((len(pairs), 2)), np.zeros(len(pairs), dtype=bool), 0.0
+    errors, failed = np.empty((len(pairs), 2)), np.zeros(len(pairs), dtype=bool)
+    nees, seconds = np.empty(len(pairs)), 0.0
     for k, pair in enumerate(pairs):
         prior = pair.q_true + rng.normal(size=3) * sigma
         begin = time.perf_counter()
         match = register(pair.reference, pair.new, prior, np.diag(sigma**2), config.pic)
         seconds += time.perf_counter() - begin
         off = match.q - pair.q_true
-        errors[k] = np.hypot(*off[:2]), abs(np.degrees(wrap_angle(off[2])))
+        off[2] = wrap_angle(off[2])
+        errors[k] = np.hypot(*off[:2]), abs(np.degrees(off[2]))
+        nees[k] = off @ np.linalg.solve(match.cov, off)
         failed[k] = not match.ok
     hit = ~failed & (errors[:, 0] < SUCCESS_M) & (errors[:, 1] < SUCCESS_DEG)
     # a failure is a miss in the medians too
@@ -110,6 +115,7 @@ def measure(
         success=float(hit.mean()),
         median_m=float(median_m),
         median_deg=float(median_deg),
+        median_nees=float(np.median(nees[~failed])),
         ms_per_pair=1e3 * seconds / len(pairs),
     )
 
@@ -125,11 +131,11 @@ def main() -> None:
     measure(pairs[:1], ACCEPTANCE_START, config)  # compiles
     results = [measure(pairs, start, config) for start in START_ERRORS]
     print(f"pIC on {len(pairs)} pairs; simulated sonar; success: {SUCCESS_M:g} m, {SUCCESS_DEG:g}°")
-    print("start sigma      success  failures  median error       ms/pair")
+    print("start sigma      success  failures  median error       NEES   ms/pair")
     for r in results:
         print(
             f"{r.start_m:3.1f} m {r.start_deg:4.1f} deg   {100 * r.success:5.1f} %  {r.failures:8d}"
-            f"  {r.median_m:.3f} m {r.median_deg:.3f} deg  {r.ms_per_pair:7.2f}"
+            f"  {r.median_m:.3f} m {r.median_deg:.3f} deg  {r.median_nees:5.2f}  {r.ms_per_pair:7.2f}"
         )
     if arguments.json:
         document = {"pairs": [asdict(r) for r in results]}

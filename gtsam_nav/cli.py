@@ -290,20 +290,23 @@ def evaluate(
     from gtsam_nav.config import load_config
     from gtsam_nav.evaluation.metrics import evaluate_trajectory, reference_series
     from gtsam_nav.evaluation.references import open_reference
+    from gtsam_nav.writers.run_record import read_record
     from gtsam_nav.writers.trajectories import read_trajectory
 
     lever_b = None if lever_arm is None else numbers("--lever-arm", lever_arm, 3)
     window_s = None if window is None else numbers("--window", window, 2)
-    # a run's own configuration says which fixes it saw
-    beside = trajectory.with_name("config.yaml")
-    gnss = load_config(beside if beside.is_file() else None).gnss
+    # a run's own files say which fixes it saw, what it scored and whether it knew where it was
+    beside, record = trajectory.with_name("config.yaml"), trajectory.with_name("run.json")
+    config = load_config(beside if beside.is_file() else None)
     estimated = read_trajectory(trajectory)
-    truth = open_reference(reference, gnss)
+    truth = open_reference(reference, config.gnss)
+    scored = config.evaluation.window_s if window_s is None else (window_s[0], window_s[1])
     scores = evaluate_trajectory(
         estimated,
         reference_series(truth),
         truth.xyz_b if lever_b is None else lever_b,
-        None if window_s is None else (window_s[0], window_s[1]),
+        scored,
+        georeferenced=read_record(record).georeferenced if record.is_file() else True,
     )
     if as_json:
         show_json(scores.to_json())
@@ -352,9 +355,18 @@ def export(
     from gtsam_nav.writers.exports import export_run
     from gtsam_nav.writers.run_folder import find_runs
 
-    for folder in find_runs(run):
-        for path in export_run(folder, to.split(","), cast("Frame", frame)):
-            show(str(path))
+    folders, formats = find_runs(run), to.split(",")
+    for folder in folders:
+        for name in formats:
+            try:
+                paths = export_run(folder, [name], cast("Frame", frame))
+            except DataError as error:
+                # among several runs one may lack what another has
+                if len(folders) == 1:
+                    raise
+                say(f"warning: {error}")
+                continue
+            show(*map(str, paths))
 
 
 @config_app.command("dump")

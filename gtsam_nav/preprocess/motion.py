@@ -195,7 +195,7 @@ def _walked(t: Array, t_readings: Array, usual_growth: float, sigma_accel: float
     excess = np.where(gap > 3 * usual_gap, q * gap**3 / 12, 0.0)
     excess[[0, -1]] = q * gap[[0, -1]] ** 3 / 3
     total = np.concatenate([[0.0], np.cumsum(usual_growth * gap + excess)])
-    return np.interp(t, marks, total)
+    return np.asarray(np.interp(t, marks, total))
 
 
 def _smooth_each_axis(

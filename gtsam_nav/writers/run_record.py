@@ -32,6 +32,8 @@ class RunRecord:
     start_utc : float or None
         POSIX seconds of mission time zero.
     sonar : {"simulated", "recorded"} or None
+    georeferenced : bool
+        Whether positions are absolute.
     seed : int
     command : str or None
         The command line, where there was one.
@@ -56,6 +58,7 @@ class RunRecord:
     origin: Origin | None
     start_utc: float | None
     sonar: SonarKind | None
+    georeferenced: bool
     seed: int
     command: str | None
     versions: Mapping[str, str]
@@ -84,6 +87,7 @@ def make_record(
         origin=mission.origin,
         start_utc=mission.start_utc,
         sonar=solution.sonar_kind,
+        georeferenced=solution.georeferenced,
         seed=seed,
         command=command,
         versions={

@@ -36,8 +36,10 @@ def test_without_scans_the_span_is_divided_evenly() -> None:
 
 
 def test_scan_beside_an_end_takes_its_place() -> None:
-    t = keyframe_times(0.0, 10.0, np.array([0.2, 9.9]), 20.0)
-    np.testing.assert_allclose(t, [0.2, 9.9])
+    beside = np.array([0.4 * MIN_SPACING_S, 10.0 - 0.4 * MIN_SPACING_S])
+    np.testing.assert_allclose(keyframe_times(0.0, 10.0, beside, 20.0), beside)
+    further = np.array([2 * MIN_SPACING_S, 5.0])
+    np.testing.assert_allclose(keyframe_times(0.0, 10.0, further, 20.0), [0.0, *further, 10.0])
 
 
 def test_scans_on_the_ends_change_nothing() -> None:

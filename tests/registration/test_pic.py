@@ -253,3 +253,4 @@ def test_acceptance_on_pairs_with_known_pose(stpere_folder: Path) -> None:
     assert result.success >= 0.93
     assert result.median_m <= 0.20
     assert result.median_deg <= 0.3
+    assert 1.0 < result.median_nees < 4.0
