@@ -135,7 +135,8 @@ def main() -> None:
     for r in results:
         print(
             f"{r.start_m:3.1f} m {r.start_deg:4.1f} deg   {100 * r.success:5.1f} %  {r.failures:8d}"
-            f"  {r.median_m:.3f} m {r.median_deg:.3f} deg  {r.median_nees:5.2f}  {r.ms_per_pair:7.2f}"
+            f"  {r.median_m:.3f} m {r.median_deg:.3f} deg  {r.median_nees:5.2f}"
+            f"  {r.ms_per_pair:7.2f}"
         )
     if arguments.json:
         document = {"pairs": [asdict(r) for r in results]}

@@ -67,6 +67,7 @@ def estimate(
         Where the estimator fails.
     """
     from numpy.linalg import LinAlgError
+    from threadpoolctl import threadpool_limits
 
     from gtsam_nav.config import Config
     from gtsam_nav.errors import EstimationError
@@ -78,7 +79,9 @@ def estimate(
     blind, reference, n_withheld = split_fixes(mission, config.gnss)
     run: Method = import_module(_METHODS[method]).estimate
     try:
-        solution = run(blind, config, progress or no_progress)
+        # matrices of a thousand rows: more BLAS threads spend their time waiting for each other
+        with threadpool_limits(limits=1, user_api="blas"):
+            solution = run(blind, config, progress or no_progress)
     except (RuntimeError, ArithmeticError, LinAlgError) as error:
         what = " ".join(str(error).split())[:300]
         raise EstimationError(f"{method} could not solve '{mission.name}': {what}") from error
