@@ -66,9 +66,9 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     clock = StageClock()
     with clock.stage("motion"):
         start, motion = _start_and_motion(mission, config)
-    mission, rejections, warnings = _leave_out_defective_sonar(mission, config)
+    mission, echoes, rejections, warnings = _leave_out_defective_sonar(mission, config)
     with clock.stage("sonar"):
-        sonar = _sonar_data(mission, motion, config)
+        sonar = _sonar_data(mission, echoes, motion, config)
     t_scans = sonar.turns.t_ref if sonar else np.empty(0)
     t = keyframe_times(*mission.span_s, t_scans, config.graph.keyframe_interval_s)
     scan_keyframe = np.searchsorted(t, t_scans)
@@ -130,25 +130,29 @@ def _start_and_motion(mission: Mission, config: Config) -> tuple[Alignment, Vehi
 
 def _leave_out_defective_sonar(
     mission: Mission, config: Config
-) -> tuple[Mission, tuple[Rejection, ...], tuple[str, ...]]:
-    """The mission with the sonar to be used alone; why the others are not is recorded."""
+) -> tuple[Mission, Echoes | None, tuple[Rejection, ...], tuple[str, ...]]:
+    """The mission with the one sonar to be used, and its echoes; why others are not is recorded."""
     rejections: list[Rejection] = []
     used: str | None = None
+    echoes: Echoes | None = None
     for sonar in [*mission.of_type("beams"), *mission.of_type("scans")]:
         if not config.sonar.use:
             defect = "switched off by sonar.use"
         elif used is not None:
             defect = f"the sonar '{used}' is used"
         else:
-            defect = sonar_defect(sonar) or _without_echoes(sonar, config)
+            defect = sonar_defect(sonar)
+            if not defect:
+                found = _echoes(sonar, config)
+                defect = "" if len(found) else "no echo stands out of its noise"
         if not defect:
-            used = sonar.name
+            used, echoes = sonar.name, found
             continue
         log.warning("sonar '%s' is not used: %s", sonar.name, defect)
         rejections.append(Rejection(float(sonar.series.t[0]), sonar.name, WHOLE_SENSOR, defect))
         mission = mission.without(sonar.name)
     warnings = tuple(f"sonar '{r.sensor}' is not used: {r.reason}" for r in rejections)
-    return mission, tuple(rejections), warnings
+    return mission, echoes, tuple(rejections), warnings
 
 
 def _echoes(sonar: Sensor, config: Config) -> Echoes:
@@ -157,16 +161,13 @@ def _echoes(sonar: Sensor, config: Config) -> Echoes:
     return echoes_of_scans(sonar)
 
 
-def _without_echoes(sonar: Sensor, config: Config) -> str:
-    return "" if len(_echoes(sonar, config)) else "no echo stands out of its noise"
-
-
-def _sonar_data(mission: Mission, motion: VehicleMotion, config: Config) -> SonarData | None:
+def _sonar_data(
+    mission: Mission, echoes: Echoes | None, motion: VehicleMotion, config: Config
+) -> SonarData | None:
     """Echoes, turns and scans; None without a sonar or without a single scan."""
     sonar = mission.first("beams") or mission.first("scans")
-    if sonar is None:
+    if sonar is None or echoes is None:
         return None
-    echoes = _echoes(sonar, config)
     turns = find_turns(sonar, config.sonar.scans.max_gap_s)
     kept = thin_scans(turns.t_ref, config.graph.scan_interval_s)
     turns = Turns(turns.first[kept], turns.last[kept], turns.t_ref[kept])
