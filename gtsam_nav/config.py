@@ -9,13 +9,19 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
-from gtsam_nav.ekf.settings import DeadReckoningSettings
+from gtsam_nav.ekf.settings import (
+    DeadReckoningSettings,
+    InsSettings,
+    LandmarkEkfSettings,
+    PoseEkfSettings,
+)
 from gtsam_nav.errors import ConfigError
 from gtsam_nav.evaluation.settings import EvaluationSettings
 from gtsam_nav.graph.settings import GraphSettings
 from gtsam_nav.preprocess.gnss_policy import GnssSettings
 from gtsam_nav.preprocess.settings import MotionSettings
 from gtsam_nav.registration.settings import PicSettings
+from gtsam_nav.sensors.settings import LandmarkSettings
 from gtsam_nav.settings import Settings
 from gtsam_nav.sonar.settings import SonarSettings
 
@@ -26,7 +32,11 @@ class Config(Settings):
     seed: int = 0
     gnss: GnssSettings = GnssSettings()
     motion: MotionSettings = MotionSettings()
+    landmarks: LandmarkSettings = LandmarkSettings()
     dr: DeadReckoningSettings = DeadReckoningSettings()
+    ins_ekf: InsSettings = InsSettings()
+    landmark_ekf: LandmarkEkfSettings = LandmarkEkfSettings()
+    pose_ekf: PoseEkfSettings = PoseEkfSettings()
     sonar: SonarSettings = SonarSettings()
     pic: PicSettings = PicSettings()
     graph: GraphSettings = GraphSettings()

@@ -366,6 +366,22 @@ class InitialState:
 
 
 @dataclass(frozen=True)
+class Constraints:
+    """What the mission says of the vehicle's motion: facts that no sensor measures.
+
+    Attributes
+    ----------
+    nonholonomic : bool
+        It rolls on wheels or tracks: the body's origin moves neither sideways nor up.
+    zero_velocity : bool
+        It stands still whenever its IMU is quiet; never true of what floats.
+    """
+
+    nonholonomic: bool = False
+    zero_velocity: bool = False
+
+
+@dataclass(frozen=True)
 class Mission:
     """Everything that was measured on one outing.
 
@@ -380,6 +396,8 @@ class Mission:
     initial : InitialState
     landmark_map : LandmarkMap or None
         Surveyed landmarks.
+    constraints : Constraints
+        How the vehicle can move.
     rejections : tuple of Rejection
         What the reader dropped.
     warnings : tuple of str
@@ -394,6 +412,7 @@ class Mission:
     start_utc: float | None = None
     initial: InitialState = field(default_factory=InitialState)
     landmark_map: LandmarkMap | None = None
+    constraints: Constraints = field(default_factory=Constraints)
     rejections: tuple[Rejection, ...] = ()
     warnings: tuple[str, ...] = ()
     sources: tuple[Path, ...] = ()

@@ -10,6 +10,7 @@ from typing import Literal, Protocol
 
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import (
+    IntArray,
     Mission,
     Rejection,
     Sensor,
@@ -119,6 +120,19 @@ class SonarMap:
 
 
 @dataclass(frozen=True)
+class LandmarkEstimates:
+    """Landmarks in local NED: ids (k,), positions (k, 3) m, covariances (k, 3, 3) m^2.
+
+    ``id`` is the sensor's own where it tells one, else the order of discovery. Landmarks of a
+    planar estimate lie at the vehicle's depth; that axis of their covariance is zero.
+    """
+
+    id: IntArray
+    p_n: Array
+    cov_n: Array
+
+
+@dataclass(frozen=True)
 class Solution:
     """The result of one estimation method on one mission.
 
@@ -156,6 +170,7 @@ class Solution:
     innovations: Mapping[str, Innovations] = field(default_factory=dict)
     pose_graph: PoseGraph | None = None
     sonar_map: SonarMap | None = None
+    landmarks: LandmarkEstimates | None = None
     gnss_used: int = 0
     gnss_withheld: int = 0
     n_keyframes: int = 0

@@ -30,8 +30,15 @@ class GnssSettings(Settings):
         With ``gaps``: fixes of these half-open spans are withheld.
     use_height : bool
         Use GNSS height although the mission has a depth sensor.
+    use_velocity : bool
+        Use the receiver's velocities where it gives them.
     huber_k : float
         Huber threshold on the whitened residual.
+    reject_outliers : bool
+        Leave out fixes that fail the tests below.
+    position_gate_probability, velocity_gate_probability : float
+        A fix's position (or velocity) is an outlier where a chi-square variable would stay below
+        its normalised residual with this probability.
     """
 
     use: Literal["all", "none", "every_k", "window", "gaps"] | None = None
@@ -39,7 +46,11 @@ class GnssSettings(Settings):
     window_s: tuple[float, float] = DEFAULT_WINDOW_S
     gaps_s: tuple[tuple[float, float], ...] = ()
     use_height: bool = False
+    use_velocity: bool = True
     huber_k: float = Field(default=1.345, gt=0)
+    reject_outliers: bool = True
+    position_gate_probability: float = Field(default=0.999, gt=0, lt=1)
+    velocity_gate_probability: float = Field(default=0.999, gt=0, lt=1)
 
     @model_validator(mode="after")
     def _spans_are_ordered(self) -> GnssSettings:

@@ -18,6 +18,12 @@ class MotionSettings(Settings):
         Water lock is used only where bottom lock stays away for longer.
     rate_hz : float
         Rate of the trajectories.
+    nonholonomic, zero_velocity : bool or None
+        Constraints on the motion; None takes the mission's own word (``Mission.constraints``).
+    nonholonomic_sigma_m_s : float
+        Of the velocity sideways and upwards that such a vehicle shows all the same.
+    zero_velocity_sigma_m_s : float
+        Of each component of the velocity at rest.
     """
 
     sigma_accel_m_s2: float = Field(default=0.05, gt=0)
@@ -25,3 +31,7 @@ class MotionSettings(Settings):
     sigma_yaw_accel_rad_s2: float = Field(default=0.1, gt=0)
     water_lock_after_s: float = Field(default=10.0, ge=0)
     rate_hz: float = Field(default=10.0, ge=10, le=1000)
+    nonholonomic: bool | None = None
+    zero_velocity: bool | None = None
+    nonholonomic_sigma_m_s: float = Field(default=0.1, gt=0)
+    zero_velocity_sigma_m_s: float = Field(default=0.01, gt=0)
