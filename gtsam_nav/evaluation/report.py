@@ -247,10 +247,18 @@ def _consistency(report: _Report) -> Html:
         "Squared errors over what the method says of itself. A mean above the expected one is "
         "overconfidence, below it caution."
     )
+    caption = (
+        "Squared position error over its covariance; 95 % of honest ones lie between the lines."
+    )
+    figures = [report.figure("nees", plots.mission_nees(report.solutions), caption)]
+    for s in report.solutions:
+        caption = f"{s.method}: mean innovation squared by sensor, 1 is honest; 95 % bounds."
+        figures.append(report.figure(f"nis_{s.method}", plots.mission_nis(s), caption))
     return _section(
         "Consistency",
         tables.consistency_table(report.metrics),
         element("p", note, class_="note"),
+        *figures,
     )
 
 

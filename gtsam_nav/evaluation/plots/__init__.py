@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from gtsam_nav.evaluation.plots.consistency import ensemble_figure, mission_nees, mission_nis
 from gtsam_nav.evaluation.plots.errors import horizontal_errors, position_errors
 from gtsam_nav.evaluation.plots.heading import compass_bias, heading_errors, slow_states
 from gtsam_nav.evaluation.plots.loops import loop_verdicts
@@ -11,9 +12,12 @@ from gtsam_nav.evaluation.plots.timeline import sensor_timeline
 
 __all__ = [
     "compass_bias",
+    "ensemble_figure",
     "heading_errors",
     "horizontal_errors",
     "loop_verdicts",
+    "mission_nees",
+    "mission_nis",
     "plan_view",
     "position_errors",
     "save_png",
