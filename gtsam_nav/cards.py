@@ -15,7 +15,7 @@ from pydantic import BaseModel, Field, FiniteFloat, ValidationError, model_valid
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, rotation_from_rpy
-from gtsam_nav.mission import SERIES_TYPES
+from gtsam_nav.mission import SERIES_TYPES, Constraints
 from gtsam_nav.sensors.noise import NOISE_MODELS
 from gtsam_nav.settings import Settings
 
@@ -104,10 +104,11 @@ class SensorCard(Described):
 
 
 class CardOrigin(Described):
-    """Where a data set's local frame begins: at its first valid fix, at a stated height."""
+    """Where a data set's local frame begins: at its first valid fix, whose own height counts
+    where none is stated."""
 
     policy: Literal["first_fix"] = "first_fix"
-    height_m: FiniteFloat = 0.0
+    height_m: FiniteFloat | None = None
 
 
 class CardFile(Described):
@@ -116,6 +117,17 @@ class CardFile(Described):
     suffix: str
     holds: str
     sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")] | None = None
+
+
+class MotionConstraints(Described):
+    """How the vehicle can move: the fields of `gtsam_nav.mission.Constraints`."""
+
+    nonholonomic: bool = False
+    zero_velocity: bool = False
+
+    def to_constraints(self) -> Constraints:
+        """The same as the mission holds them."""
+        return Constraints(self.nonholonomic, self.zero_velocity)
 
 
 class Card(Described):
@@ -127,6 +139,7 @@ class Card(Described):
     licence: str
     files: tuple[CardFile, ...]
     origin: CardOrigin = CardOrigin()
+    constraints: MotionConstraints = MotionConstraints()
     sensors: dict[str, SensorCard]
 
     @model_validator(mode="before")

@@ -172,16 +172,29 @@ class AttitudeSeries(Series):
 
 @dataclass(frozen=True, kw_only=True)
 class LandmarkSeries(Series):
-    """Range (m) and bearing (rad, clockwise from the bow) to landmarks; ``id`` -1 is unknown."""
+    """Range (m) and bearing (rad, clockwise from the bow) to landmarks; ``id`` -1 is unknown.
+
+    Either may be missing, with its sigma: a sensor of ranges only, or of bearings only.
+    """
 
     TYPE: ClassVar[str] = "landmarks"
     REPEATED_STAMPS: ClassVar[bool] = True
     id: IntArray = column(dtype=int)
-    range_m: Array = column()
-    bearing: Array = column()
+    range_m: Array | None = column(optional=True)
+    bearing: Array | None = column(optional=True)
     elevation: Array | None = column(optional=True)
-    sigma_range: Array = column()
-    sigma_bearing: Array = column()
+    sigma_range: Array | None = column(optional=True)
+    sigma_bearing: Array | None = column(optional=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        ranges, bearings = self.range_m is not None, self.bearing is not None
+        if not (ranges or bearings):
+            raise ValueError("LandmarkSeries needs range_m or bearing")
+        if ranges != (self.sigma_range is not None) or bearings != (self.sigma_bearing is not None):
+            raise ValueError("LandmarkSeries.range_m and bearing each go with their sigma")
+        if self.elevation is not None and not bearings:
+            raise ValueError("LandmarkSeries.elevation goes with bearing")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -398,6 +411,8 @@ class Mission:
         Surveyed landmarks.
     constraints : Constraints
         How the vehicle can move.
+    faults : tuple of str
+        Specifications of the faults that were injected into it.
     rejections : tuple of Rejection
         What the reader dropped.
     warnings : tuple of str
@@ -413,6 +428,7 @@ class Mission:
     initial: InitialState = field(default_factory=InitialState)
     landmark_map: LandmarkMap | None = None
     constraints: Constraints = field(default_factory=Constraints)
+    faults: tuple[str, ...] = ()
     rejections: tuple[Rejection, ...] = ()
     warnings: tuple[str, ...] = ()
     sources: tuple[Path, ...] = ()

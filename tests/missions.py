@@ -14,6 +14,7 @@ from gtsam_nav.mission import (
     AttitudeSeries,
     BeamSeries,
     CloudSeries,
+    Constraints,
     DepthSeries,
     DvlSeries,
     GnssSeries,
@@ -125,6 +126,7 @@ def every_sensor_mission(cloud_folder: Path, seed: int = 0) -> Mission:
         start_utc=1_700_000_000.25,
         initial=InitialState(np.array([1.0, -2.0, 0.5]), 2.5, -0.75, 0.125),
         landmark_map=LandmarkMap(np.array([3, 7]), rng.normal(size=(2, 3)), np.array([0.1, 0.2])),
+        constraints=Constraints(nonholonomic=True),
     )
 
 

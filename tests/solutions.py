@@ -29,6 +29,7 @@ from gtsam_nav.mission import (
 )
 from gtsam_nav.solution import (
     Innovations,
+    LandmarkEstimates,
     LoopClosure,
     PoseGraph,
     PoseGraphEdge,
@@ -169,6 +170,7 @@ def graph_solution(sources: tuple[Path, ...] = ()) -> Solution:
         },
         pose_graph=pose_graph(keyframes),
         sonar_map=_walls(),
+        landmarks=landmark_estimates(),
         gnss_used=60,
         gnss_withheld=540,
         n_keyframes=len(keyframes),
@@ -206,6 +208,14 @@ def pose_graph(keyframes: Trajectory) -> PoseGraph:
         for a, b in pairs
     )
     return PoseGraph(keyframes.t, keyframes.p_n, keyframes.q_nb_wxyz, edges)
+
+
+def landmark_estimates() -> LandmarkEstimates:
+    """Three landmarks; the second is known ten times better northwards than eastwards."""
+    cov_n = np.stack([np.diag([0.04, 0.04, 0.0]), np.diag([0.01, 1.0, 0.0]), 0.25 * np.eye(3)])
+    cov_n[2, 0, 1] = cov_n[2, 1, 0] = 0.2
+    p_n = np.array([[10.0, 20.0, 1.0], [-30.0, 5.0, 1.0], [0.0, -12.5, 2.0]])
+    return LandmarkEstimates(np.array([7, 3, 12]), p_n, cov_n)
 
 
 def without_origin(solution: Solution) -> Solution:

@@ -9,8 +9,10 @@ import pytest
 from gtsam_nav import cards
 from gtsam_nav.cards import load_card
 from gtsam_nav.errors import DataError
+from gtsam_nav.mission import Constraints
 
 SHIPPED = sorted((Path(__file__).parents[1] / "datasets").glob("*.yaml"))
+STPERE = next(path for path in SHIPPED if path.stem == "stpere")
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
@@ -22,8 +24,14 @@ def test_every_card_is_whole(path: Path) -> None:
     assert card.sensors
 
 
-def test_there_is_a_card_to_test() -> None:
-    assert "stpere" in [path.stem for path in SHIPPED]
+def test_there_are_cards_to_test() -> None:
+    assert {"stpere", "mrclam", "rtk_mems_car"} <= {path.stem for path in SHIPPED}
+
+
+def test_a_card_says_how_the_vehicle_moves() -> None:
+    assert load_card("stpere").constraints.to_constraints() == Constraints()
+    on_wheels = Constraints(nonholonomic=True, zero_velocity=True)
+    assert load_card("rtk_mems_car").constraints.to_constraints() == on_wheels
 
 
 def test_an_unknown_card_is_answered_with_the_choices() -> None:
@@ -41,7 +49,7 @@ def test_a_card_inside_the_package_comes_first(
 
 
 def test_a_damaged_card_names_file_and_key(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    text = SHIPPED[0].read_text().replace("rpy_deg", "rpy_rad", 1)
+    text = STPERE.read_text().replace("rpy_deg", "rpy_rad", 1)
     (tmp_path / "damaged.yaml").write_text(text)
     monkeypatch.setattr(cards, "CARD_FOLDERS", (tmp_path,))
     with pytest.raises(DataError, match=r"damaged\.yaml.*unknown key 'rpy_rad'; the choices are"):

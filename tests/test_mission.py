@@ -114,11 +114,30 @@ def test_only_landmarks_share_a_stamp(series: dict[str, Series], kind: str) -> N
 def test_optional_columns_may_stay_away(series: dict[str, Series], kind: str) -> None:
     one = series[kind]
     optional = [name for name, spec in one.column_specs().items() if spec["optional"]]
+    if isinstance(one, LandmarkSeries):
+        # of these one or the other must stay, with its sigma
+        optional = [name for name in optional if name not in ("range_m", "sigma_range")]
     bare = replace(one, **dict.fromkeys(optional))
     np.testing.assert_array_equal(bare.row, np.arange(len(one)))
     for name in set(optional) - {"row"}:
         assert getattr(bare, name) is None
         assert getattr(bare.select(slice(0, 2)), name) is None
+
+
+@pytest.mark.parametrize(
+    ("away", "message"),
+    [
+        (("range_m", "bearing", "sigma_range", "sigma_bearing", "elevation"), "range_m or bearing"),
+        (("range_m",), "go with their sigma"),
+        (("sigma_bearing",), "go with their sigma"),
+        (("bearing", "sigma_bearing"), "elevation goes with bearing"),
+    ],
+)
+def test_sightings_measure_something(
+    series: dict[str, Series], away: tuple[str, ...], message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        replace(series["landmarks"], **dict.fromkeys(away))
 
 
 def test_columns_take_their_type() -> None:

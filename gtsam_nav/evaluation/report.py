@@ -11,6 +11,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from gtsam_nav.config import Config
 from gtsam_nav.errors import OutputError
 from gtsam_nav.evaluation import plots
@@ -180,6 +182,11 @@ def _banners(report: _Report) -> Html:
         for solution in report.solutions
         for warning in (*solution.mission.warnings, *solution.warnings)
     }
+    faults = dict.fromkeys(fault for s in report.solutions for fault in s.mission.faults)
+    if faults:
+        items = element("ul", *(element("li", fault) for fault in faults))
+        text = "Faults were injected into what the methods saw, not into what they are scored on:"
+        pieces.append(element("div", text, items, class_="banner warnings"))
     if warnings:
         items = element("ul", *(element("li", warning) for warning in warnings))
         pieces.append(element("div", "Take note:", items, class_="banner warnings"))
@@ -214,7 +221,21 @@ def _summary(report: _Report) -> Html:
 def _plan(report: _Report) -> Html:
     caption = "Plan view: north up, east right, equal scales."
     made = plots.plan_view(report.solutions)
-    return _section("Plan view", report.figure("plan_view", made, caption, "plan"))
+    figure = report.figure("plan_view", made, caption, "plan")
+    return _section("Plan view", figure, *(_landmarks(s) for s in report.solutions))
+
+
+def _landmarks(solution: Solution) -> Html:
+    """How many landmarks a solution holds and how sure it is of them; nothing where it has none."""
+    found = solution.landmarks
+    if found is None or not len(found.id):
+        return Html("")
+    sigma = np.sqrt(np.linalg.eigvalsh(found.cov_n[:, :2, :2])[:, 1])
+    text = (
+        f"{solution.method}: {len(found.id)} landmarks; horizontal sigma along the longest axis "
+        f"{np.median(sigma):.2f} m (median), {np.max(sigma):.2f} m (largest)."
+    )
+    return element("p", text, class_="note")
 
 
 def _errors(report: _Report) -> Html:

@@ -8,6 +8,7 @@ The reasons, in the order in which they are tried:
 ``clock jump``           a stamp hours away from the stretch that most samples form
 ``implausible <column>`` outside what any vehicle does, or a sigma that is not positive
 ``no valid sample``      all samples of a DVL without any valid one
+``no range, no bearing`` all sightings of landmarks where both are missing throughout
 ``repeated sample``      equal to an earlier one, stamp included
 ``duplicate stamp``      the stamp of an earlier sample that differs otherwise
 =======================  =========================================================================
@@ -26,7 +27,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import BoolArray, DvlSeries, IntArray, Rejection, Series
+from gtsam_nav.mission import (
+    BoolArray,
+    DvlSeries,
+    IntArray,
+    LandmarkSeries,
+    Rejection,
+    Series,
+)
 
 CLOCK_JUMP_S = 3600.0
 """A silence or a step back that is longer separates stretches of a clock."""
@@ -52,6 +60,13 @@ LIMITS: Mapping[str, Mapping[str, tuple[float, float]]] = {
     "reference": {"p_n": (-1e7, 1e7)},
 }
 """Least and largest value of a column that is not plainly an error, by sensor type."""
+
+GOES_WITH: Mapping[str, tuple[str, ...]] = {
+    "range_m": ("sigma_range",),
+    "bearing": ("sigma_bearing", "elevation"),
+}
+"""What sightings of landmarks measure, and the columns that mean nothing without; the sigmas are
+needed with it."""
 
 Columns = Mapping[str, NDArray[Any]]
 AnySeries = TypeVar("AnySeries", bound=Series)
@@ -96,6 +111,8 @@ def tidy(
     raw = _present(series_type, columns)
     if series_type is DvlSeries:
         raw = _settle_invalid(raw)
+    if series_type is LandmarkSeries:
+        raw = _of_what_is_measured(raw)
     kept, rejections = screen(
         series_type, sensor_name, raw, refused=refused, max_speed_m_s=max_speed_m_s
     )
@@ -131,6 +148,8 @@ def screen(
         refuse(mask, f"implausible {name}")
     if series_type is DvlSeries and not np.any(columns["valid"][reasons == ""]):
         refuse(np.ones(len(t), dtype=bool), "no valid sample")
+    if series_type is LandmarkSeries and not columns.keys() & GOES_WITH.keys():
+        refuse(np.ones(len(t), dtype=bool), "no range, no bearing")
     for reason, mask in _repeated(series_type, columns, np.flatnonzero(reasons == "")):
         refuse(mask, reason)
 
@@ -172,13 +191,15 @@ def main_stretch(stamps: Iterable[Array]) -> tuple[float, float]:
 def _present(series_type: type[Series], columns: Mapping[str, ArrayLike]) -> dict[str, Any]:
     """The columns as arrays, without optional ones that hold nothing finite."""
     specs = series_type.column_specs()
+    needed = {first for first, *_ in GOES_WITH.values()} & columns.keys()
     arrays = {name: np.asarray(values) for name, values in columns.items()}
     return {
         name: values
         for name, values in arrays.items()
-        if not (
-            specs[name]["optional"] and values.dtype.kind == "f" and not np.any(np.isfinite(values))
-        )
+        if not specs[name]["optional"]
+        or name in needed
+        or values.dtype.kind != "f"
+        or np.any(np.isfinite(values))
     }
 
 
@@ -195,6 +216,12 @@ def _settle_invalid(columns: Columns) -> dict[str, Any]:
         altitude = np.asarray(columns["altitude_m"], float)
         settled["altitude_m"] = np.where(np.isfinite(altitude), altitude, 0.0)
     return settled
+
+
+def _of_what_is_measured(columns: Columns) -> dict[str, Any]:
+    """Columns of sightings without the sigmas and elevations of what is not measured."""
+    idle = {name for what, names in GOES_WITH.items() if what not in columns for name in names}
+    return {name: values for name, values in columns.items() if name not in idle}
 
 
 def _whole_rows(mask: BoolArray) -> BoolArray:

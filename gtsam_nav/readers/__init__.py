@@ -28,7 +28,14 @@ class Reader(Protocol):
         """Read the mission, or raise `DataError`."""
 
 
-_READERS = ("gtsam_nav.readers.folder", "gtsam_nav.readers.stpere")
+_READERS = (
+    "gtsam_nav.readers.folder",
+    "gtsam_nav.readers.stpere",
+    "gtsam_nav.readers.mrclam",
+    "gtsam_nav.readers.rtklib",
+    "gtsam_nav.readers.toro",
+    "gtsam_nav.readers.plaza",
+)
 
 
 def readers() -> tuple[Reader, ...]:
@@ -42,7 +49,7 @@ def open_mission(path: Path | str, progress: Progress = no_progress) -> Mission:
     Parameters
     ----------
     path : Path or str
-        A mission folder or a folder of St. Pere logs.
+        What one of the readers expects: most often a folder, or the stem of a robot's files.
     progress : Progress, optional
         Called as the reading goes on.
 
@@ -52,10 +59,10 @@ def open_mission(path: Path | str, progress: Progress = no_progress) -> Mission:
         Where no reader knows the path, or a file is missing or damaged.
     """
     place = Path(path)
-    if not place.exists():
-        raise DataError("no such file or folder", place)
     for reader in readers():
         if reader.can_open(place):
             return reader.read(place, progress)
+    if not place.exists():
+        raise DataError("no such file or folder", place)
     expected = "; ".join(f"{reader.NAME}: {reader.EXPECTS}" for reader in readers())
     raise DataError(f"not a mission that any reader knows. They expect: {expected}", place)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -16,7 +17,8 @@ class Fixes:
     """Raw fixes in the order of the file.
 
     ``sigma`` and ``v_n`` have shape (n, 3) in NED, m and m/s; angles are degrees on WGS-84.
-    ``has_fix`` is what the receiver says of itself.
+    ``has_fix`` is what the receiver says of itself, ``unread`` what the reader could not read, by
+    reason.
     """
 
     t: Array
@@ -26,12 +28,14 @@ class Fixes:
     sigma: Array
     v_n: Array | None = None
     has_fix: BoolArray | None = None
+    unread: Mapping[str, BoolArray] = field(default_factory=dict)
 
     def refused(self) -> dict[str, BoolArray]:
         """Fixes that are none, by reason."""
         lat, lon = self.latitude_deg, self.longitude_deg
         null_island = (lat == 0) & (lon == 0)
         return {
+            **self.unread,
             "no fix": null_island if self.has_fix is None else null_island | ~self.has_fix,
             "latitude or longitude out of range": (np.abs(lat) > 90) | (lon < -180) | (lon > 360),
         }

@@ -9,7 +9,13 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator, Field, FiniteFloat, model_validator
 
-from gtsam_nav.cards import Described, SensorCard, Vector, with_default_types
+from gtsam_nav.cards import (
+    Described,
+    MotionConstraints,
+    SensorCard,
+    Vector,
+    with_default_types,
+)
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Origin, ned_from_geodetic
 from gtsam_nav.mission import SERIES_TYPES, InitialState
@@ -117,6 +123,7 @@ class MissionFile(Described):
     origin: GeodeticPosition | None = None
     start_utc: Annotated[FiniteFloat, BeforeValidator(_posix_seconds)] | None = None
     initial: InitialEntry = InitialEntry()
+    constraints: MotionConstraints = MotionConstraints()
     sensors: dict[str, SensorEntry] = Field(min_length=1)
 
     @model_validator(mode="before")

@@ -11,7 +11,7 @@ import numpy as np
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Rejection
-from gtsam_nav.readers._text import parse_rows, read_lines
+from gtsam_nav.readers._text import TRUNCATED, parse_rows, read_lines
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ def truncation(sensor_name: str, n_samples: int, cut_stamp: float | None) -> lis
     """The rejection of a last line that was cut off, if it was."""
     if cut_stamp is None:
         return []
-    return [Rejection(t=cut_stamp, sensor=sensor_name, index=n_samples, reason="truncated line")]
+    return [Rejection(t=cut_stamp, sensor=sensor_name, index=n_samples, reason=TRUNCATED)]
 
 
 def read_table(

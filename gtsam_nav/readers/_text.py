@@ -13,6 +13,9 @@ import numpy as np
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array
+from gtsam_nav.mission import BoolArray
+
+TRUNCATED = "truncated line"
 
 MAX_BYTES = 1024**3
 """Most that a file may hold once it is decompressed."""
@@ -37,10 +40,20 @@ class Rows:
     cut_stamp : float or None
         First field of a last line that was cut off (NaN where even that is missing); None where
         the file is whole.
+    begins_cut : bool
+        Whether the first line lacks its beginning; its row is then NaN.
     """
 
     values: Array
     cut_stamp: float | None = None
+    begins_cut: bool = False
+
+    @property
+    def first_cut(self) -> dict[str, BoolArray]:
+        """The row of a first line that lacks its beginning, under its reason."""
+        mask = np.zeros(len(self.values), dtype=bool)
+        mask[:1] = self.begins_cut
+        return {TRUNCATED: mask}
 
 
 def read_chunks(path: Path) -> Iterator[tuple[bytes, float]]:
@@ -112,6 +125,7 @@ def parse_rows(
     first_line: int = 1,
     words: Mapping[str, Mapping[str, float]] | None = None,
     unread: frozenset[str] = frozenset(),
+    may_begin_cut: bool = False,
 ) -> Rows:
     """Parse lines of numbers.
 
@@ -130,6 +144,8 @@ def parse_rows(
         Words that a field may hold, with the numbers that they stand for.
     unread : frozenset of str
         Fields whose contents do not matter; they read as NaN.
+    may_begin_cut : bool
+        Whether the recording may have begun inside a line.
 
     Raises
     ------
@@ -150,7 +166,30 @@ def parse_rows(
             return Rows(values)
     except (ValueError, KeyError):
         pass  # the slow way finds out where and why
-    return _parse_one_by_one(lines, path, names, fields, delimiter, first_line)
+    begins_cut = may_begin_cut and _begins_cut(lines, fields, delimiter)
+    if begins_cut:
+        first = next(k for k, line in enumerate(lines) if line.strip())
+        lines, first_line = lines[first + 1 :], first_line + first + 1
+    rows = _parse_one_by_one(lines, path, names, fields, delimiter, first_line)
+    if begins_cut:
+        head = np.full((1, len(names)), np.nan)
+        return Rows(np.concatenate([head, rows.values]), rows.cut_stamp, begins_cut=True)
+    return rows
+
+
+def _begins_cut(lines: Sequence[str], fields: Sequence[Field], delimiter: str | None) -> bool:
+    """Whether the first of several lines lacks its beginning."""
+    filled = [line for line in lines if line.strip()]
+    texts = filled[0].split(delimiter)
+    if len(filled) < 2 or len(texts) > len(fields):
+        return False
+    if len(texts) < len(fields):
+        return True
+    try:
+        fields[0](texts[0])
+    except (ValueError, KeyError):
+        return True
+    return False
 
 
 def _parse_one_by_one(

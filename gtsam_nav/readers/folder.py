@@ -10,6 +10,7 @@
       heading_deg: 30
       sigma_position_m: 1
       sigma_heading_deg: 3
+    constraints: {nonholonomic: true, zero_velocity: true}      # on wheels; both default to false
     sensors:
       dvl: {file: dvl.csv, xyz_m: [0.2, 0, 0.1], rpy_deg: [180, 0, 45], time_offset_s: -0.1,
             noise: {sigma_m_s: 0.02}}
@@ -93,6 +94,7 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
         start_utc=described.start_utc,
         initial=described.initial.to_state(reading.origin, path / MISSION_FILE),
         landmark_map=reading.landmark_map,
+        constraints=described.constraints.to_constraints(),
         rejections=tuple(reading.rejections),
         warnings=tuple(reading.warnings),
         sources=(path / MISSION_FILE, *reading.sources),
@@ -195,6 +197,8 @@ class _Reading:
         words = {c: spec.words for spec in layout if spec.words for c in spec.columns}
         instead = (NED_COLUMNS, GEODETIC_COLUMNS) if geodetic else None
         table = read_table(path, required, optional, words=words, instead=instead)
+        if layout is LAYOUTS["landmarks"] and not table.columns.keys() & {"range_m", "bearing_deg"}:
+            raise DataError("column 'range_m' or 'bearing_deg' is needed, or both", path, 1)
         if table.unknown:
             unknown = ", ".join(table.unknown)
             self.warnings.append(f"sensor '{name}': {path.name} has unknown columns: {unknown}")

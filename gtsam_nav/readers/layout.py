@@ -90,8 +90,9 @@ LAYOUTS: dict[str, tuple[Field, ...]] = {
     ),
     "landmarks": (
         Field("id", ("id",), integer=True),
-        Field("range_m", ("range_m",)),
-        Field("bearing", ("bearing_deg",), degrees=True),
+        # one of them must be there
+        Field("range_m", ("range_m",), required=False),
+        Field("bearing", ("bearing_deg",), degrees=True, required=False),
         Field("elevation", ("elevation_deg",), degrees=True, required=False),
         Field("sigma_range", ("sigma_range",), required=False, noise=("sigma_range_m",)),
         Field(

@@ -11,6 +11,7 @@ import os
 import re
 import shutil
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from gtsam_nav.frames import Array, geodetic_from_ned, rpy_from_rotation
 from gtsam_nav.mission import (
     BeamSeries,
     CloudSeries,
+    Constraints,
     InitialState,
     LandmarkMap,
     Mission,
@@ -35,6 +37,8 @@ from gtsam_nav.writers.tables import EXACT, write_records, write_table
 
 MISSION_FILE = "mission.yaml"
 LANDMARK_MAP = "landmark_map"
+FOLDED_BY_YAML = "\x85\u2028\u2029"
+"""Line breaks that would read back as spaces if they were not escaped."""
 
 
 def write_mission(mission: Mission, folder: Path | str) -> None:
@@ -102,6 +106,8 @@ def _write_files(mission: Mission, folder: Path) -> None:
     initial = _initial(mission.initial)
     if initial:
         description["initial"] = initial
+    if mission.constraints != Constraints():
+        description["constraints"] = asdict(mission.constraints)
     entries: dict[str, Any] = {}
     for stem, sensor in zip(_file_stems(mission), mission.sensors.values(), strict=True):
         file_name = _write_series(sensor.series, mission, folder, stem)
@@ -112,6 +118,8 @@ def _write_files(mission: Mission, folder: Path) -> None:
         entries[name] = {"type": LANDMARK_MAP, "file": f"{LANDMARK_MAP}.csv"}
     description["sensors"] = entries
     text = yaml.safe_dump(description, sort_keys=False, allow_unicode=True)
+    if any(character in text for character in FOLDED_BY_YAML):
+        text = yaml.safe_dump(description, sort_keys=False)
     (folder / MISSION_FILE).write_text(text, encoding="utf-8", newline="\n")
 
 

@@ -18,7 +18,7 @@ from pydantic import ValidationError
 from gtsam_nav.config import Config
 from gtsam_nav.errors import DataError, OutputError
 from gtsam_nav.evaluation.metrics import Metrics, evaluate
-from gtsam_nav.solution import Solution
+from gtsam_nav.solution import LandmarkEstimates, Solution
 from gtsam_nav.trajectory import Trajectory
 from gtsam_nav.writers.geo import write_geojson
 from gtsam_nav.writers.point_map import write_map_image, write_ply
@@ -195,6 +195,10 @@ def _write_results(solution: Solution, draft: Path) -> dict[str, str]:
     else:
         absent = "no echo was mapped" if solution.sonar_map else "the method makes no map"
         skipped |= dict.fromkeys(("map.ply", "map.png", "map.pgw"), absent)
+    if solution.landmarks is not None:
+        _write_landmarks(solution.landmarks, draft / "landmarks.csv")
+    else:
+        skipped["landmarks.csv"] = "the method estimates no landmarks"
     if solution.mission.origin is not None:
         write_nav(trajectory, solution.mission.origin, draft / "nav.csv")
         name = f"{solution.mission.name} ({solution.method})"
@@ -215,6 +219,23 @@ def _write_biases(solution: Solution, path: Path) -> None:
     for name, (values, sigmas) in slow.columns.items() if slow is not None else ():
         columns[name] = (values, "%.9g")
         columns[f"sigma_{name}"] = (sigmas, "%.6g")
+    write_table(path, columns)
+
+
+def _write_landmarks(landmarks: LandmarkEstimates, path: Path) -> None:
+    cov_n = landmarks.cov_n
+    n, e, d = landmarks.p_n.T
+    sigma_n, sigma_e, sigma_d = np.sqrt(np.diagonal(cov_n, axis1=1, axis2=2)).T
+    columns = {
+        "id": (landmarks.id.astype(float), "%d"),
+        "n": (n, "%.6f"),
+        "e": (e, "%.6f"),
+        "d": (d, "%.6f"),
+        "sigma_n": (sigma_n, "%.6g"),
+        "sigma_e": (sigma_e, "%.6g"),
+        "sigma_d": (sigma_d, "%.6g"),
+        "cov_ne": (cov_n[:, 0, 1], "%.6g"),
+    }
     write_table(path, columns)
 
 

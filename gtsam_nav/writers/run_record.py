@@ -48,6 +48,8 @@ class RunRecord:
         ``mission_s / wall_s``.
     stage_s : mapping of str to float
         Wall time of each stage.
+    faults : tuple of str
+        Specifications of what was injected.
     warnings : tuple of str
     skipped : mapping of str to str
         Files that the run has not, and why.
@@ -67,6 +69,7 @@ class RunRecord:
     mission_s: float
     realtime_factor: float | None
     stage_s: Mapping[str, float]
+    faults: tuple[str, ...] = ()
     warnings: tuple[str, ...]
     skipped: Mapping[str, str]
 
@@ -100,6 +103,7 @@ def make_record(
         mission_s=end - begin,
         realtime_factor=(end - begin) / wall_s if wall_s else None,
         stage_s=dict(solution.stage_s),
+        faults=mission.faults,
         warnings=tuple(dict.fromkeys((*mission.warnings, *solution.warnings))),
         skipped=skipped,
     )

@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 import solutions
 from matplotlib.axes import Axes
+from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 
 from gtsam_nav.evaluation import plots
 from gtsam_nav.evaluation.plots.style import broken, foremost, method_colour
 from gtsam_nav.evaluation.plots.timeline import spans_without_gaps
+from gtsam_nav.frames import quaternion_from_rotation, rotation_from_quaternion
+from gtsam_nav.mission import LandmarkMap
 from gtsam_nav.solution import Solution
 
 
@@ -29,8 +32,8 @@ def legend(ax: Axes) -> list[str]:
 def test_plan_view_names_all_that_it_shows(both: list[Solution]) -> None:
     (ax,) = plots.plan_view(both).axes
     assert legend(ax) == [
-        "sonar map", "loops rejected (25)", "loops accepted (35)", "GNSS used", "reference", "dr",
-        "graph", "start",
+        "sonar map (graph)", "loops rejected (25)", "loops accepted (35)", "GNSS used", "reference", "dr",
+        "graph", "start", "landmarks, 3 sigma (3)",
     ]  # fmt: skip
     assert ax.get_aspect() == 1.0
     assert ax.get_xlabel().startswith("east")
@@ -52,6 +55,46 @@ def test_plan_view_aligns_what_has_no_absolute_position(both: list[Solution]) ->
     (ax,) = plots.plan_view([replace(graph, trajectory=shifted, georeferenced=False)]).axes
     assert "graph (SE(2)-aligned)" in legend(ax)
     assert max(ax.get_xlim()) < 200.0
+
+
+def test_plan_view_shows_landmarks_with_three_sigma(both: list[Solution]) -> None:
+    survey = LandmarkMap(np.array([7]), np.array([[90.0, 21.0, 0.0]]), np.array([0.1]))
+    mission = replace(both[0].mission, landmark_map=survey)
+    mapped = replace(both[0], landmarks=solutions.landmark_estimates(), mission=mission)
+    (ax,) = plots.plan_view([mapped]).axes
+    assert {"surveyed landmarks", "landmarks, 3 sigma (3)"} <= set(legend(ax))
+    crosses = next(x for x in ax.lines if x.get_label() == "landmarks, 3 sigma (3)")
+    np.testing.assert_array_equal(np.asarray(crosses.get_xdata()), [20.0, 5.0, -12.5])
+    np.testing.assert_array_equal(np.asarray(crosses.get_ydata()), [10.0, -30.0, 0.0])
+    (ellipses,) = (c for c in ax.collections if isinstance(c, EllipseCollection))
+    # full axes are six sigma: 1 m eastwards and 0.1 m northwards of the second, drawn east to north
+    np.testing.assert_allclose(ellipses.get_widths(), 6 * np.sqrt([0.04, 1.0, 0.45]))
+    np.testing.assert_allclose(ellipses.get_heights(), 6 * np.sqrt([0.04, 0.01, 0.05]))
+    np.testing.assert_allclose(ellipses.get_angles()[1:] % 180, [0.0, 45.0], atol=1e-9)
+    assert {"7", "3", "12"} <= {text.get_text() for text in ax.texts}
+    assert ax.get_ylim()[1] > 90
+
+
+def test_landmarks_are_aligned_with_their_track(both: list[Solution]) -> None:
+    graph, turn = both[1], np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    R_nb = turn @ rotation_from_quaternion(graph.trajectory.q_nb_wxyz)
+    moved = replace(
+        graph.trajectory,
+        p_n=graph.trajectory.p_n @ turn.T + [50.0, 0.0, 0.0],
+        q_nb_wxyz=quaternion_from_rotation(R_nb),
+    )
+    landmarks = solutions.landmark_estimates()
+    turned = replace(
+        landmarks,
+        p_n=landmarks.p_n @ turn.T + [50.0, 0.0, 0.0],
+        cov_n=turn @ landmarks.cov_n @ turn.T,
+    )
+    solution = replace(graph, georeferenced=False, trajectory=moved, landmarks=turned)
+    (ax,) = plots.plan_view([solution]).axes
+    (ellipses,) = (c for c in ax.collections if isinstance(c, EllipseCollection))
+    along = np.radians(ellipses.get_angles()[1:])
+    np.testing.assert_allclose(np.abs(np.cos(along - np.radians([0.0, 45.0]))), 1.0, atol=0.01)
+    np.testing.assert_allclose(ellipses.get_offsets()[0], [20.0, 10.0], atol=2.0)
 
 
 def test_position_errors_have_three_panels_with_bands(both: list[Solution]) -> None:

@@ -186,3 +186,11 @@ def test_elements_escape_text_and_attributes() -> None:
         '<p class="&quot;x&quot;">a &lt; b<br></p>'
     )
     assert '<td class="figure">1 &amp; 2</td>' in table(("a", "b"), [("x", "1 & 2")])
+
+
+def test_landmarks_are_told_beside_the_plan(tmp_path: Path) -> None:
+    mapped = replace(solutions.dr_solution(), landmarks=solutions.landmark_estimates())
+    text = Page(write_report([mapped], tmp_path).read_text()).text
+    assert (
+        "dr: 3 landmarks; horizontal sigma along the longest axis 0.67 m (median), 1.00 m" in text
+    )

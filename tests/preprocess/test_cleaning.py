@@ -295,3 +295,20 @@ def test_tidying_twice_changes_nothing(raw: tuple[type[Series], dict[str, Any]])
     assert twice is not None
     for name in names:
         np.testing.assert_array_equal(getattr(twice, name), getattr(once, name))
+
+
+def test_sightings_keep_only_what_belongs_to_a_measurement() -> None:
+    nan = np.full(2, np.nan)
+    columns = {"t": [0.0, 1.0], "id": [1, 2], "range_m": nan, "sigma_range": [1.0, 1.0]}
+    columns |= {"bearing": [0.1, 0.2], "sigma_bearing": [0.1, np.nan], "elevation": nan}
+    series, rejections = tidy(LandmarkSeries, "seen", columns)
+    assert series is not None
+    assert (series.range_m, series.sigma_range, series.elevation) == (None, None, None)
+    np.testing.assert_array_equal(series.bearing, [0.1])
+    assert reasons(rejections) == {"non-finite sigma_bearing": [1]}
+    series, rejections = tidy(LandmarkSeries, "seen", columns | {"bearing": nan})
+    assert series is None
+    assert reasons(rejections) == {"no range, no bearing": [0, 1]}
+    series, rejections = tidy(LandmarkSeries, "seen", columns | {"sigma_bearing": nan})
+    assert series is None
+    assert reasons(rejections) == {"non-finite sigma_bearing": [0, 1]}

@@ -152,7 +152,7 @@ def test_a_cloud_that_is_missing_is_rejected(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "must be a map with the keys name, origin, start_utc, initial, sensors"),
+        ("", "must be a map with the keys name, origin, start_utc, initial, constraints, sensors"),
         ("[1, 2]", "must be a map"),
         ("sensors: {depth: {file: d.csv}", "mission.yaml:1: not YAML"),
         ("a: b: c", "mission.yaml:1: not YAML"),

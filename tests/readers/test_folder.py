@@ -160,6 +160,35 @@ def test_landmarks_and_their_map(tmp_path: Path) -> None:
     assert any("1 unusable landmarks" in w for w in mission.warnings)
 
 
+def test_ranges_alone_and_bearings_alone(tmp_path: Path) -> None:
+    ranges = read_one(tmp_path / "r", "landmarks", csv("t,id,range_m,bearing_deg", 7, 5.5, "nan"))
+    assert isinstance(ranges.series, LandmarkSeries)
+    np.testing.assert_array_equal(ranges.series.range_m, 5.5)
+    assert (ranges.series.bearing, ranges.series.sigma_bearing) == (None, None)
+    text = csv("t,id,bearing_deg,elevation_deg,sigma_bearing_deg", 7, 180, 90, 45)
+    bearings = read_one(tmp_path / "b", "landmarks", text)
+    assert isinstance(bearings.series, LandmarkSeries)
+    np.testing.assert_allclose(bearings.series.bearing, np.pi)
+    np.testing.assert_allclose(bearings.series.sigma_bearing, np.pi / 4)
+    np.testing.assert_allclose(bearings.series.elevation, np.pi / 2)
+    assert (bearings.series.range_m, bearings.series.sigma_range) == (None, None)
+
+
+def test_sightings_without_range_and_bearing(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r"x\.csv:1: column 'range_m' or 'bearing_deg' is needed"):
+        read_one(tmp_path / "a", "landmarks", csv("t,id,range", 7, 5.5))
+    folder = one_sensor_folder(tmp_path / "b", "landmarks", csv("t,id,range_m", 7, "nan"))
+    mission = open_mission(folder)
+    assert list(mission.sensors) == ["always"]
+    assert {r.reason for r in mission.rejections} == {"no range, no bearing"}
+
+
+def test_a_range_without_its_bearing_is_rejected_where_others_have_one(tmp_path: Path) -> None:
+    text = csv("t,id,range_m,bearing_deg", 7, 5.5, 20) + "10,7,5.5,nan\n"
+    mission = open_mission(one_sensor_folder(tmp_path, "landmarks", text))
+    assert [(r.index, r.reason) for r in mission.rejections] == [(10, "non-finite bearing")]
+
+
 def test_a_reference_states_its_antenna_and_its_vertical(tmp_path: Path) -> None:
     text = csv("t,n,e,d,roll_deg,pitch_deg,yaw_deg,sigma", 1, 2, 3, 0, 0, 90, 0)
     sensor = read_one(tmp_path, "reference", text, xyz_m=[0, 0, -2], vertical_usable=False)

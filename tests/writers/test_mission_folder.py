@@ -69,6 +69,7 @@ def assert_same_mission(read: Mission, written: Mission) -> None:
         np.testing.assert_array_equal(copy.xyz_b, sensor.xyz_b)
         np.testing.assert_allclose(copy.R_bs, sensor.R_bs, rtol=0, atol=1e-14)
     assert (read.name, read.origin) == (written.name, written.origin)
+    assert read.constraints == written.constraints
     if written.start_utc is None:
         assert read.start_utc is None
     else:
@@ -93,6 +94,23 @@ def test_a_mission_with_every_sensor_reads_back_equal(tmp_path: Path) -> None:
         np.testing.assert_array_equal(
             getattr(read.landmark_map, name), getattr(mission.landmark_map, name)
         )
+
+
+@pytest.mark.parametrize("name", ["\x85", "a\u2028b", "\u2029", "P\xeache n\xb0 1", "two\nlines"])
+def test_odd_names_survive(tmp_path: Path, name: str) -> None:
+    mission = Mission(name, {name: Sensor(name, "depth", every_series(tmp_path)["depth"])})
+    write_mission(mission, tmp_path / "mission")
+    assert_same_mission(open_mission(tmp_path / "mission"), mission)
+
+
+def test_a_ranger_stays_one(tmp_path: Path) -> None:
+    series = every_series(tmp_path)["landmarks"]
+    away = dict.fromkeys(("bearing", "sigma_bearing", "elevation"))
+    mission = Mission("r", {"r": Sensor("r", "landmarks", replace(series, **away))})
+    write_mission(mission, tmp_path / "mission")
+    header = (tmp_path / "mission" / "r.csv").read_text().splitlines()[0]
+    assert header == "t,id,range_m,sigma_range"
+    assert_same_mission(open_mission(tmp_path / "mission"), mission)
 
 
 def test_a_local_mission_keeps_its_fixes_in_metres(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ from gtsam_nav.writers.run_folder import find_runs, read_run, write_run
 EVERYTHING = {
     "trajectory.tum", "trajectory.csv", "trajectory_online.csv", "nav.csv", "biases.csv",
     "loops.csv", "rejections.csv", "graph.g2o", "vertex_times.csv", "map.ply", "map.png",
-    "map.pgw", "track.geojson", "metrics.json", "config.yaml", "run.json",
+    "map.pgw", "landmarks.csv", "track.geojson", "metrics.json", "config.yaml", "run.json",
 }  # fmt: skip
 CONFIG = Config(seed=7)
 
@@ -54,6 +54,15 @@ def test_read_back(run: Path) -> None:
     assert back.metrics == evaluate(solution)
     assert back.name == "basin <laps> (graph)"
     assert back.record.origin == solution.mission.origin
+
+
+def test_landmarks_are_written_with_their_covariance(run: Path) -> None:
+    assert (run / "landmarks.csv").read_text().splitlines() == [
+        "id,n,e,d,sigma_n,sigma_e,sigma_d,cov_ne",
+        "7,10.000000,20.000000,1.000000,0.2,0.2,0,0",
+        "3,-30.000000,5.000000,1.000000,0.1,1,0,0",
+        "12,0.000000,-12.500000,2.000000,0.5,0.5,0.5,0.2",
+    ]
 
 
 def test_the_record_says_where_the_run_came_from(run: Path) -> None:
@@ -112,7 +121,7 @@ def test_what_a_run_has_not_is_named_with_the_reason(tmp_path: Path) -> None:
     assert set(skipped) == EVERYTHING - names(run)
     assert set(skipped) == {
         "trajectory_online.csv", "graph.g2o", "vertex_times.csv", "map.ply", "map.png", "map.pgw",
-        "nav.csv", "track.geojson",
+        "nav.csv", "track.geojson", "landmarks.csv",
     }  # fmt: skip
     assert "origin" in skipped["nav.csv"]
     assert (run / "loops.csv").read_text().count("\n") == 1

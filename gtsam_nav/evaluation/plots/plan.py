@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from gtsam_nav.evaluation.alignment import align
 from gtsam_nav.evaluation.matching import match
 from gtsam_nav.evaluation.metrics import reference_series
+from gtsam_nav.evaluation.plots.landmarks import DrawnLandmarks, draw_landmarks, draw_survey
 from gtsam_nav.evaluation.plots.style import (
     ACCEPTED,
     INK,
@@ -18,10 +19,10 @@ from gtsam_nav.evaluation.plots.style import (
     REJECTED,
     add_legend,
     broken,
-    foremost,
     label,
     method_colour,
     new_figure,
+    ranked,
 )
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import GnssSeries
@@ -58,16 +59,21 @@ class _Track:
 
 
 def plan_view(solutions: Sequence[Solution]) -> Figure:
-    """Reference, trajectories, sonar map and loops by verdict; north up, axes equal.
+    """Reference, trajectories, sonar map, loops by verdict, landmarks; north up, axes equal.
 
-    The map and the loops are those of the first solution that has them. A solution without
-    absolute positions is drawn after its SE(2) alignment, and the legend says so.
+    The map, the loops and the landmarks are those of the foremost solution that has them. One
+    without absolute positions is drawn after its SE(2) alignment, and the legend says so.
     """
-    tracks = [_track(solution) for solution in solutions]
-    chosen = foremost(solutions)
+    tracks = [_track(solution) for solution in ranked(solutions)]
+    chosen = tracks[0].solution
     truth = chosen.reference and reference_series(chosen.reference)
-    echoes = next((e for track in tracks if len(e := _echoes(track))), np.empty((0, 3)))
+    owner = next((track for track in tracks if len(_echoes(track))), tracks[0])
+    echoes = _echoes(owner)
+    mapped = next((found for track in tracks if (found := _landmarks(track))), None)
+    survey = chosen.mission.landmark_map
     paths = [track.path_n for track in tracks] + ([truth.p_n] if truth else [])
+    paths += [survey.p_n] if survey and len(survey.id) else []
+    paths += [mapped.landmarks.p_n] if mapped else []
     low, high = _extent(paths, echoes)
     north, east = (high - low).tolist()
     figure, (ax,) = new_figure(*_size_in(north, east))
@@ -79,12 +85,14 @@ def plan_view(solutions: Sequence[Solution]) -> Figure:
             markersize=1.3,
             color=ECHO,
             alpha=0.45,
-            label="sonar map",
+            label=f"sonar map ({owner.solution.method})",
         )
     looped = next((track for track in tracks if track.solution.loops), None)
     if looped is not None:
         _draw_loops(ax, looped)
     _draw_fixes(ax, chosen)
+    if survey:
+        draw_survey(ax, survey)
     if truth:
         _draw_path(ax, truth.t, truth.p_n, "reference", REFERENCE, 1.0)
     for track in sorted(tracks, key=lambda track: track.solution is chosen):
@@ -95,6 +103,8 @@ def plan_view(solutions: Sequence[Solution]) -> Figure:
         if track.solution is chosen:
             n, e, _ = track.path_n[0]
             ax.plot(e, n, "o", color="white", markeredgecolor=INK, markersize=7, label="start")
+    if mapped:
+        draw_landmarks(ax, mapped)
     ax.set_xlim(low[1], high[1])
     ax.set_ylim(low[0], high[0])
     ax.set_aspect("equal", adjustable="box")
@@ -114,6 +124,15 @@ def _track(solution: Solution) -> _Track:
                 R, p, note = aligned.R, aligned.p, " (SE(2)-aligned)"
         trajectory = trajectory.at_lever_arm(reference.xyz_b)
     return _Track(solution, R, p, trajectory.p_n @ R.T + p, note)
+
+
+def _landmarks(track: _Track) -> DrawnLandmarks | None:
+    """The track's landmarks where they are drawn; None without any."""
+    found = track.solution.landmarks
+    if found is None or not len(found.id):
+        return None
+    placed = replace(found, p_n=track.place(found.p_n), cov_n=track.R @ found.cov_n @ track.R.T)
+    return DrawnLandmarks(placed, method_colour(track.solution.method))
 
 
 def _echoes(track: _Track) -> Array:

@@ -31,6 +31,8 @@ _METHODS = {
     "landmark-ekf": "#c2478b",
 }
 
+_FOREMOST = ("graph", "pose-ekf", "landmark-ekf", "ins-ekf")
+
 DPI = 130
 BREAK_S = 5.0
 BREAK_PERIODS = 3.0
@@ -43,8 +45,14 @@ def method_colour(method: str) -> str:
 
 
 def foremost(solutions: Sequence[Solution]) -> Solution:
-    """The solution that the others are held against: the graph's, else the first."""
-    return next((s for s in solutions if s.method == "graph"), solutions[0])
+    """The solution that the others are held against: the graph's, else a SLAM filter's."""
+    return ranked(solutions)[0]
+
+
+def ranked(solutions: Sequence[Solution]) -> list[Solution]:
+    """The solutions with the foremost first."""
+    rank = {method: k for k, method in enumerate(_FOREMOST)}
+    return sorted(solutions, key=lambda s: rank.get(s.method, len(rank)))
 
 
 def new_figure(
