@@ -21,6 +21,7 @@ from gtsam_nav.terminal import progress_bars, say, show, show_json
 if TYPE_CHECKING:
     from gtsam_nav.config import Config
     from gtsam_nav.mission import Mission
+    from gtsam_nav.simulation import Fault
     from gtsam_nav.solution import Progress, Solution
     from gtsam_nav.writers.frame import Frame
 
@@ -52,6 +53,14 @@ StartOption = Annotated[
 ]
 StopOption = Annotated[
     float, typer.Option(metavar="S", show_default=False, help="Leave out from here on.")
+]
+InjectOption = Annotated[
+    list[str],
+    typer.Option(
+        "--inject",
+        metavar="FAULT",
+        help="Spoil what the methods see, as in gnss:outliers=0.3 or dvl:drop=300:420; repeatable.",
+    ),
 ]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="No progress bars.")]
 
@@ -150,23 +159,28 @@ def run(
     overrides: SetOption = [],  # noqa: B006
     start: StartOption = -inf,
     stop: StopOption = inf,
+    inject: InjectOption = [],  # noqa: B006
     quiet: QuietOption = False,
 ) -> None:
     """Estimate a mission, score it and write a report."""
     from gtsam_nav.config import load_config
     from gtsam_nav.evaluation.report import write_report
     from gtsam_nav.methods import check_method
+    from gtsam_nav.simulation import parse_fault
 
     resolved = load_config(config, overrides)
     names = list(dict.fromkeys(method))
     for name in names:
         check_method(name)
+    faults = [parse_fault(spec) for spec in inject]
     folder = out or Path("out") / mission.resolve().name
     settle_output(folder, *(folder / name for name in names))
     with progress_bars(quiet) as progress:
         begin = time.perf_counter()
         opened = open_cropped(mission, start, stop, progress)
-        solutions, failures = estimate_each(opened, names, resolved, folder, begin, progress)
+        solutions, failures = estimate_each(
+            opened, names, resolved, faults, folder, begin, progress
+        )
         wall_s = time.perf_counter() - begin
         report = write_report(solutions, folder, resolved) if solutions else None
     if report is not None:
@@ -204,6 +218,7 @@ def estimate_each(
     mission: Mission,
     methods: Sequence[str],
     config: Config,
+    faults: Sequence[Fault],
     folder: Path,
     begin: float,
     progress: Progress,
@@ -222,7 +237,7 @@ def estimate_each(
     for name in methods:
         started = time.perf_counter()
         try:
-            solution = estimate(mission, name, config, progress)
+            solution = estimate(mission, name, config, progress, faults)
             wall_s = opening_s + time.perf_counter() - started
             write_run(solution, config, folder, wall_s=wall_s, command=command)
         except (DataError, EstimationError) as error:
@@ -248,6 +263,8 @@ def show_runs(folders: Mapping[str, Path], as_json: bool = False) -> None:
         show(comparison_table(rows))
     concerned: dict[str, list[str]] = {}
     for row in rows:
+        for fault in runs[row.name].record.faults:
+            concerned.setdefault(f"injected {fault}", []).append(row.name)
         for warning in runs[row.name].record.warnings:
             concerned.setdefault(warning, []).append(row.name)
         if row.coverage is None:
@@ -328,10 +345,12 @@ def numbers(option: str, text: str, count: int) -> list[float]:
 
 @app.command()
 def simulate(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="World: marina.")],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="marina, laps, ranger or submarine.")],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Mission folder to write.")],
     seed: Annotated[int, typer.Option(metavar="N", help="Same seed, same mission.")] = 0,
-    duration: Annotated[float, typer.Option(metavar="S", help="Length of the survey.")] = 600.0,
+    duration: Annotated[
+        float | None, typer.Option(metavar="S", help="Length; the scenario's own where not given.")
+    ] = None,
 ) -> None:
     """Write a simulated mission as a mission folder."""
     from gtsam_nav.simulation import simulate as simulated
@@ -340,7 +359,8 @@ def simulate(
     settle_output(out.parent)
     mission = simulated(name, seed, duration)
     write_mission(mission, out)
-    show(f"mission '{mission.name}', {duration:g} s: {out}")
+    start, stop = mission.span_s
+    show(f"mission '{mission.name}', {stop - start:.1f} s: {out}")
 
 
 @app.command()

@@ -6,7 +6,7 @@ nothing else before it is called.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from importlib import import_module
 from typing import TYPE_CHECKING
@@ -16,12 +16,15 @@ from gtsam_nav.errors import ConfigError
 if TYPE_CHECKING:
     from gtsam_nav.config import Config
     from gtsam_nav.mission import Mission
+    from gtsam_nav.simulation import Fault
     from gtsam_nav.solution import Progress, Solution
 
     Method = Callable[[Mission, Config, Progress], Solution]
 
 _METHODS = {
     "dr": "gtsam_nav.ekf.dead_reckoning",
+    "scan-match": "gtsam_nav.ekf.scan_match",
+    "pose-ekf": "gtsam_nav.ekf.pose_slam",
     "graph": "gtsam_nav.graph.estimator",
 }
 
@@ -42,10 +45,12 @@ def estimate(
     method: str = "graph",
     config: Config | None = None,
     progress: Progress | None = None,
+    faults: Sequence[Fault | str] = (),
 ) -> Solution:
     """Estimate the trajectory of a mission.
 
-    The method sees neither the mission's reference nor the fixes that the GNSS policy withholds.
+    The method sees neither the mission's reference nor the fixes that the GNSS policy withholds;
+    it does see the faults, which these are spared.
 
     Parameters
     ----------
@@ -56,11 +61,13 @@ def estimate(
         Defaults that hold for every mission where absent.
     progress : Progress, optional
         Called as the work goes on.
+    faults : sequence of Fault or str
+        What to inject, drawn with the configuration's seed; see `gtsam_nav.simulation.inject`.
 
     Raises
     ------
     ConfigError
-        For an unknown method.
+        For an unknown method, or a fault that the mission cannot have.
     DataError
         Where the mission lacks what the method needs.
     EstimationError
@@ -77,6 +84,10 @@ def estimate(
     check_method(method)
     config = config or Config()
     blind, reference, n_withheld = split_fixes(mission, config.gnss)
+    if faults:
+        from gtsam_nav.simulation import inject
+
+        blind = inject(blind, faults, config.seed)
     run: Method = import_module(_METHODS[method]).estimate
     try:
         # matrices of a thousand rows: more BLAS threads spend their time waiting for each other

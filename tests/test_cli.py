@@ -264,6 +264,40 @@ def test_simulate_writes_the_same_mission_for_the_same_seed(
     assert found["span_s"][1] == pytest.approx(20.0, abs=0.5)
 
 
+def test_simulate_lasts_as_long_as_its_scenario(gtsam_nav: CommandLine, tmp_path: Path) -> None:
+    made = gtsam_nav("simulate", "ranger", "--seed", 1, "--out", tmp_path / "run")
+    assert made.code == 0
+    assert "mission 'ranger-1', 8.4 s" in made.out
+    assert gtsam_nav("inspect", tmp_path / "run", "--json").code == 0
+
+
+def test_injected_faults_are_on_the_record_and_on_the_page(
+    gtsam_nav: CommandLine, mission_folder: Path, tmp_path: Path
+) -> None:
+    faults = ("--inject", "gnss:outliers=0.5", "--inject", "dvl:drop=10:14")
+    done = gtsam_nav("run", mission_folder, "-m", "dr", *faults, "--out", tmp_path)
+    assert done.code == 0, done.err
+    named = ["gnss:outliers=0.5,size=20:100,burst=1", "dvl:drop=10:14"]
+    assert json.loads((tmp_path / "dr" / "run.json").read_text())["faults"] == named
+    page = (tmp_path / "report.html").read_text()
+    assert "Faults were injected" in page
+    for name in named:
+        assert name in page
+        assert f"warning: dr: injected {name}" in done.err
+
+
+@pytest.mark.usefixtures("no_report")
+def test_a_fault_that_the_mission_cannot_have_is_named(
+    gtsam_nav: CommandLine, mission_folder: Path, tmp_path: Path
+) -> None:
+    refused = gtsam_nav(
+        *("run", mission_folder, "-m", "dr", "--inject", "lidar:drop=0.5", "--out", tmp_path)
+    )
+    assert refused.code == 2
+    assert one_line(refused)
+    assert "no sensor 'lidar'; the choices are: imu, dvl" in refused.err
+
+
 def test_inspect_as_a_table_and_as_json(gtsam_nav: CommandLine, mission_folder: Path) -> None:
     table = gtsam_nav("inspect", mission_folder)
     assert table.code == 0
@@ -306,7 +340,8 @@ def test_doctor_finds_this_environment_healthy(gtsam_nav: CommandLine) -> None:
         (["config", "dump", "--set", "gnss.use=some"], "'every_k'"),
         (["config", "dump", "--set", "gnss"], "key=value"),
         (["config", "dump", "-c", "absent.yaml"], "absent.yaml"),
-        (["simulate", "ocean", "--out", "never"], "marina"),
+        (["simulate", "ocean", "--out", "never"], "marina, laps, ranger, submarine"),
+        (["run", "nowhere", "--inject", "gnss:wobble=1"], "SENSOR:outliers=SHARE"),
         (["evaluate", "a.tum", "b.tum", "--lever-arm", "1,2"], "3 numbers"),
         (["evaluate", "a.tum", "b.tum", "--window", "x,2"], "2 numbers"),
     ],

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gtsam_nav.frames import Array, Origin
-from gtsam_nav.simulation.world import Wall, World
+from gtsam_nav.simulation.world import Course, Wall, World
 
 ORIGIN = Origin(latitude_deg=42.2, longitude_deg=3.1)
 CORRIDOR_AZIMUTH_DEG = 25.0
@@ -61,12 +61,13 @@ def marina() -> World:
     return World(
         name="marina",
         origin=ORIGIN,
+        course=Course(_local(_CIRCUIT), closed=True),
+        landmark_id=np.arange(1, len(buoys) + 1),
+        landmarks_n=np.column_stack([buoys, np.full(len(buoys), _BUOY_DEPTH_M)]),
         walls=tuple(Wall(_local(corners), steel) for steel, corners in _WALLS),
         piles_n=_local(_PILES),
         pile_radius_m=0.3,
-        buoy_id=np.arange(1, len(buoys) + 1),
-        buoys_n=np.column_stack([buoys, np.full(len(buoys), _BUOY_DEPTH_M)]),
-        circuit_n=_local(_CIRCUIT),
+        flat=True,
     )
 
 

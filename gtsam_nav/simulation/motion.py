@@ -19,15 +19,17 @@ class MotionSettings(Settings):
     Attributes
     ----------
     speed_m_s : float
-        Cruise speed; the circuit is repeated for as long as the mission lasts.
+        Cruise speed; a closed course is repeated for as long as the mission lasts.
     rest_s, ramp_s : float
-        Time at rest before the start, and the time to reach cruise speed.
+        Time at rest before the start, and the time to reach cruise speed (and to stop from it).
     depth_m, depth_swing_m, depth_period_s : float
         Mean depth, and its slow variation.
     roll_deg, pitch_deg, yaw_deg, heave_m : float
         Standard deviations of the motion in waves.
     wave_period_s : float
         Mean period of the waves.
+    sheltered_rest : bool
+        The place of rest is calm: the waves come with the speed.
     """
 
     speed_m_s: float = Field(default=0.8, gt=0)
@@ -41,6 +43,7 @@ class MotionSettings(Settings):
     yaw_deg: float = Field(default=0.4, ge=0)
     heave_m: float = Field(default=0.03, ge=0)
     wave_period_s: float = Field(default=4.5, gt=0)
+    sheltered_rest: bool = False
 
 
 @dataclass(frozen=True)
@@ -113,26 +116,32 @@ def draw_waves(settings: MotionSettings, rng: np.random.Generator) -> Waves:
 
 
 class Motion:
-    """The survey of a world: `at` any time, position and attitude with their derivatives."""
+    """The way along a world's course: `at` any time, the state with its derivatives."""
 
     def __init__(self, world: World, settings: MotionSettings, rng: np.random.Generator) -> None:
         from scipy.interpolate import make_interp_spline
 
-        corners = np.concatenate([world.circuit_n, world.circuit_n[:1]])
+        corners, closed = world.course.waypoints_n, world.course.closed
+        if closed:
+            corners = np.concatenate([corners, corners[:1]])
         chords = np.linalg.norm(np.diff(corners, axis=0), axis=1)
         way = np.concatenate([[0.0], np.cumsum(chords)])
         self.settings = settings
-        self.circuit_m = float(way[-1])
-        self._path = make_interp_spline(way, corners, k=5, bc_type="periodic")
+        self.course_m = float(way[-1])
+        self.closed = closed
+        self._path = make_interp_spline(way, corners, k=5, bc_type="periodic" if closed else None)
         self._waves = draw_waves(settings, rng)
 
     def at(self, t: ArrayLike) -> Kinematics:
         """The state at times (n,), s."""
         times = np.asarray(t, dtype=float)
-        way, way_rate, way_accel = self._progress(times)
-        horizontal = [self._path(way % self.circuit_m, nu) for nu in range(3)]
-        place, tangent, bend = horizontal
+        way, way_rate, way_accel, way_jerk = self._progress(times)
+        along = way % self.course_m if self.closed else np.minimum(way, self.course_m)
+        place, tangent, bend = (self._path(along, nu) for nu in range(3))
         wave, wave_rate, wave_accel = self._waves.at(times)
+        if self.settings.sheltered_rest:
+            share = np.stack([way_rate, way_accel, way_jerk]) / self.settings.speed_m_s
+            wave, wave_rate, wave_accel = _product(share[..., None], (wave, wave_rate, wave_accel))
         depth, depth_rate, depth_accel = self._depth(times)
 
         course = np.arctan2(tangent[:, 1], tangent[:, 0])
@@ -153,14 +162,27 @@ class Motion:
             omega_nb_b=body_rates(rpy, rpy_rate),
         )
 
-    def _progress(self, t: Array) -> tuple[Array, Array, Array]:
-        """Way along the circuit (m), its rate and its acceleration."""
+    def _progress(self, t: Array) -> tuple[Array, Array, Array, Array]:
+        """Way along the course (m) with its first three derivatives."""
         s = self.settings
-        x = np.clip((t - s.rest_s) / s.ramp_s, 0.0, 1.0)
-        cruise = np.maximum(t - s.rest_s - s.ramp_s, 0.0)
+        started = self._run(t - s.rest_s)
+        if self.closed:
+            return started
+        # braking is a second run, begun when that much time is left, taken away from the first
+        braked = self._run(t - s.rest_s - self.course_m / s.speed_m_s)
+        way, rate, accel, jerk = (a - b for a, b in zip(started, braked, strict=True))
+        return way, rate, accel, jerk
+
+    def _run(self, t: Array) -> tuple[Array, Array, Array, Array]:
+        """Way (m) with three derivatives of one who starts at t = 0 and cruises for ever."""
+        s = self.settings
+        x = np.clip(t / s.ramp_s, 0.0, 1.0)
+        cruise = np.maximum(t - s.ramp_s, 0.0)
         way = s.speed_m_s * (s.ramp_s * x**4 * (x**2 - 3 * x + 2.5) + cruise)
         rate = s.speed_m_s * x**3 * (6 * x**2 - 15 * x + 10)
-        return way, rate, s.speed_m_s / s.ramp_s * 30 * x**2 * (1 - x) ** 2
+        accel = s.speed_m_s / s.ramp_s * 30 * x**2 * (1 - x) ** 2
+        jerk = s.speed_m_s / s.ramp_s**2 * 60 * x * (1 - x) * (1 - 2 * x)
+        return way, rate, accel, jerk
 
     def _depth(self, t: Array) -> tuple[Array, Array, Array]:
         """The planned depth (m) with its first two derivatives."""
@@ -169,6 +191,12 @@ class Motion:
         swing = s.depth_swing_m * np.sin(omega * t)
         rate = s.depth_swing_m * omega * np.cos(omega * t)
         return s.depth_m + swing, rate, -(omega**2) * swing
+
+
+def _product(share: Array, values: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+    """Two functions' product with its first two derivatives, from those of each."""
+    (a, a_rate, a_accel), (b, b_rate, b_accel) = share, values
+    return a * b, a_rate * b + a * b_rate, a_accel * b + 2 * a_rate * b_rate + a * b_accel
 
 
 def body_rates(rpy: Array, rpy_rate: Array) -> Array:

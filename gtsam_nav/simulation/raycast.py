@@ -60,7 +60,7 @@ def _within_reach(world: World, origin_n: Array, max_range_m: float) -> tuple[Ar
     """The segments and posts that a ray from any of these points could meet."""
     middle = origin_n.mean(axis=0, keepdims=True)
     reach = max_range_m + np.linalg.norm(origin_n - middle, axis=1).max()
-    posts = np.concatenate([world.piles_n, world.buoys_n[:, :2]])
+    posts = world.posts_n
     near_segment = segment_distances(middle, world.segments_n)[0] <= reach
     near_post = np.linalg.norm(posts - middle, axis=1) <= reach + world.pile_radius_m
     return world.segments_n[near_segment], posts[near_post]

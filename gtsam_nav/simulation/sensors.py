@@ -6,9 +6,6 @@ import numpy as np
 
 from gtsam_nav.frames import (
     Array,
-    Origin,
-    earth_rate_n,
-    gravity_m_s2,
     rotation_from_rpy,
     wrap_angle,
 )
@@ -24,6 +21,7 @@ from gtsam_nav.mission import (
     ReferenceSeries,
     Sensor,
 )
+from gtsam_nav.simulation.inertia import ideal_imu
 from gtsam_nav.simulation.motion import Kinematics, Motion, to_body
 from gtsam_nav.simulation.processes import bursts, correlation_time_s, gauss_markov, random_walk
 from gtsam_nav.simulation.settings import (
@@ -49,29 +47,12 @@ def point_velocity_b(truth: Kinematics, xyz_b: Array) -> Array:
     return truth.v_b + np.cross(truth.omega_nb_b, xyz_b)
 
 
-def ideal_imu(truth: Kinematics, origin: Origin) -> tuple[Array, Array]:
-    """Angular rate (rad/s) and specific force (m/s^2) at the body's origin, without noise.
-
-    Gravity is that of the mission's origin; the Coriolis force of the Earth's rotation is kept.
-    """
-    earth_n = earth_rate_n(origin.latitude_deg)
-    gravity_n = np.array([0.0, 0.0, gravity_m_s2(origin.latitude_deg, origin.height_m)])
-    R_nb = truth.R_nb
-    gyro_b = truth.omega_nb_b + to_body(R_nb, np.broadcast_to(earth_n, truth.p_n.shape))
-    force_n = truth.a_n + 2 * np.cross(earth_n, truth.v_n) - gravity_n
-    return gyro_b, to_body(R_nb, force_n)
-
-
 def imu(
-    motion: Motion,
-    origin: Origin,
-    duration_s: float,
-    s: ImuSimulation,
-    rng: np.random.Generator,
+    motion: Motion, world: World, duration_s: float, s: ImuSimulation, rng: np.random.Generator
 ) -> Sensor:
     """Inertial unit; it samples from time zero on."""
     t = np.arange(0.0, duration_s, 1 / s.rate_hz)
-    gyro_b, accel_b = ideal_imu(motion.at(t), origin)
+    gyro_b, accel_b = ideal_imu(motion.at(t), world.origin, flat=world.flat)
 
     def error(density: float, walk: float, bias: float) -> Array:
         white = rng.normal(scale=density * np.sqrt(s.rate_hz), size=(len(t), 3))
@@ -205,7 +186,7 @@ def depth(
 
 
 def gnss(motion: Motion, duration_s: float, s: GnssSimulation, rng: np.random.Generator) -> Sensor:
-    """DGPS fixes of the antenna; ``sigma`` states white and drifting error together."""
+    """Fixes of the antenna; ``sigma`` states white and drifting error together."""
     t = sample_times(rng, duration_s, s.rate_hz)
     n, truth = len(t), motion.at(t)
     xyz_b = np.array(s.xyz_m)
@@ -215,6 +196,18 @@ def gnss(motion: Motion, duration_s: float, s: GnssSimulation, rng: np.random.Ge
     jump = rng.normal(scale=s.outlier_sigma_m, size=(n, 3))
     jump[rng.uniform(size=n) >= s.outlier_share] = 0.0
     sigma = float(np.hypot(s.sigma_white_m, s.sigma_drift_m)) * axes
+    noise = {
+        "sigma_horizontal_m": float(sigma[0]),
+        "sigma_vertical_m": float(sigma[2]),
+        "correlated_share": s.sigma_drift_m**2 / (s.sigma_white_m**2 + s.sigma_drift_m**2),
+        "correlation_time_s": s.drift_time_s,
+    }
+    v_n = None
+    if s.sigma_velocity_m_s is not None:
+        v_b = point_velocity_b(truth, xyz_b)
+        v_n = np.einsum("nij,nj->ni", truth.R_nb, v_b)
+        v_n += rng.normal(scale=s.sigma_velocity_m_s, size=(n, 3))
+        noise["sigma_velocity_m_s"] = s.sigma_velocity_m_s
     return Sensor(
         name="gnss",
         type="gnss",
@@ -222,14 +215,10 @@ def gnss(motion: Motion, duration_s: float, s: GnssSimulation, rng: np.random.Ge
             t=t,
             p_n=truth.p_n + truth.R_nb @ xyz_b + axes * (white + drift + jump),
             sigma=np.tile(sigma, (n, 1)),
+            v_n=v_n,
         ),
         xyz_b=xyz_b,
-        noise={
-            "sigma_horizontal_m": float(sigma[0]),
-            "sigma_vertical_m": float(sigma[2]),
-            "correlated_share": s.sigma_drift_m**2 / (s.sigma_white_m**2 + s.sigma_drift_m**2),
-            "correlation_time_s": s.drift_time_s,
-        },
+        noise=noise,
     )
 
 
@@ -257,30 +246,47 @@ def odometry(
 def landmarks(
     motion: Motion, world: World, duration_s: float, s: LandmarkSimulation, rng: np.random.Generator
 ) -> Sensor:
-    """Range and bearing to the buoys in view."""
+    """Range and bearing to the landmarks in view."""
     t = sample_times(rng, duration_s, s.rate_hz)
     truth = motion.at(t)
-    offset_n = world.buoys_n - truth.p_n[:, None]
+    offset_n = world.landmarks_n - truth.p_n[:, None]
     range_m = np.linalg.norm(offset_n, axis=2)
     offset_b = np.einsum("nji,nkj->nki", truth.R_nb, offset_n)
     bearing = np.arctan2(offset_b[..., 1], offset_b[..., 0])
-    range_noise = rng.normal(scale=s.sigma_range_m, size=range_m.shape)
-    bearing_noise = rng.normal(scale=np.radians(s.sigma_bearing_deg), size=range_m.shape)
+    sigma_bearing = np.radians(s.sigma_bearing_deg)
+    measured_m = np.abs(range_m + rng.normal(scale=_range_sigma(range_m, s)))
+    bearing_noise = rng.normal(scale=sigma_bearing, size=range_m.shape)
     seen = (range_m < s.max_range_m) & (rng.uniform(size=range_m.shape) < s.detection_share)
-    sample, buoy = np.nonzero(seen)
+    if s.only_at_rest:
+        seen &= np.linalg.norm(truth.v_n, axis=1)[:, None] < 1e-3
+    elevation = None
+    if s.elevation:
+        exact = np.arctan2(-offset_b[..., 2], np.hypot(offset_b[..., 0], offset_b[..., 1]))
+        elevation = (exact + rng.normal(scale=sigma_bearing, size=range_m.shape))[seen]
+    sample, landmark = np.nonzero(seen)
+    sigma_range = _range_sigma(measured_m[seen], s)
     return Sensor(
         name="landmarks",
         type="landmarks",
         series=LandmarkSeries(
             t=t[sample],
-            id=world.buoy_id[buoy],
-            range_m=np.abs(range_m + range_noise)[seen],
+            id=world.landmark_id[landmark],
+            range_m=measured_m[seen],
             bearing=wrap_angle(bearing + bearing_noise)[seen],
-            sigma_range=np.full(len(sample), s.sigma_range_m),
-            sigma_bearing=np.full(len(sample), np.radians(s.sigma_bearing_deg)),
+            elevation=elevation,
+            sigma_range=sigma_range,
+            sigma_bearing=np.full(len(sample), sigma_bearing),
         ),
-        noise={"sigma_range_m": s.sigma_range_m, "sigma_bearing_deg": s.sigma_bearing_deg},
+        noise={
+            "sigma_range_m": float(np.median(sigma_range)) if len(sample) else s.sigma_range_m,
+            "sigma_bearing_deg": s.sigma_bearing_deg,
+        },
     )
+
+
+def _range_sigma(range_m: Array, s: LandmarkSimulation) -> Array:
+    """Standard deviation of the range's error at ranges of any shape, m."""
+    return np.hypot(s.sigma_range_m, s.sigma_range_share * range_m)
 
 
 def reference(motion: Motion, duration_s: float, rate_hz: float) -> Sensor:

@@ -92,12 +92,14 @@ class DepthSimulation(Settings):
 
 
 class GnssSimulation(Settings):
-    """A DGPS receiver with its antenna on a mast above the water.
+    """A GNSS receiver with its antenna on a mast above the water.
 
     Attributes
     ----------
     sigma_white_m, sigma_drift_m, drift_time_s : float
         White and Gauss-Markov error of each horizontal axis; the vertical has twice as much.
+    sigma_velocity_m_s : float or None
+        White error of each axis of the velocities; None is a receiver that gives none.
     outlier_share, outlier_sigma_m : float
         Share of fixes with a further error, and its spread.
     """
@@ -107,6 +109,7 @@ class GnssSimulation(Settings):
     sigma_white_m: float = Field(default=0.2, gt=0)
     sigma_drift_m: float = Field(default=0.15, ge=0)
     drift_time_s: float = Field(default=60.0, gt=0)
+    sigma_velocity_m_s: float | None = Field(default=None, gt=0)
     outlier_share: float = Field(default=0.005, ge=0, le=1)
     outlier_sigma_m: float = Field(default=6.0, ge=0)
 
@@ -121,29 +124,56 @@ class OdometrySimulation(Settings):
 
 
 class LandmarkSimulation(Settings):
-    """Range and bearing to the buoys in view."""
+    """Range and bearing to the landmarks in view.
+
+    Attributes
+    ----------
+    max_range_m : float
+        Nothing further away is seen.
+    sigma_range_m, sigma_range_share : float
+        The error of a range: a constant part, and one that grows with the range.
+    sigma_bearing_deg : float
+        The error of a bearing, and of an elevation.
+    detection_share : float
+        Share of the landmarks in view that a look tells apart.
+    elevation : bool
+        Measure the angle above the vehicle's plane too.
+    only_at_rest : bool
+        Look around only while the vehicle stands.
+    """
 
     rate_hz: float = Field(default=1.0, gt=0)
     max_range_m: float = Field(default=20.0, gt=0)
     sigma_range_m: float = Field(default=0.3, gt=0)
+    sigma_range_share: float = Field(default=0.0, ge=0)
     sigma_bearing_deg: float = Field(default=2.0, gt=0)
     detection_share: float = Field(default=0.8, ge=0, le=1)
+    elevation: bool = False
+    only_at_rest: bool = False
+
+
+class StartSimulation(Settings):
+    """What the mission states of its start: the truth with errors of these spreads."""
+
+    sigma_position_m: float = Field(gt=0)
+    sigma_heading_deg: float = Field(gt=0)
 
 
 class SimulationSettings(Settings):
-    """Everything about a simulated mission but its world."""
+    """Everything about a simulated mission but its world; a sensor that is None is not aboard."""
 
     reference_rate_hz: float = Field(default=100.0, gt=0)
     motion: MotionSettings = MotionSettings()
-    imu: ImuSimulation = ImuSimulation()
-    dvl: DvlSimulation = DvlSimulation()
-    heading: HeadingSimulation = HeadingSimulation()
-    attitude: AttitudeSimulation = AttitudeSimulation()
-    depth: DepthSimulation = DepthSimulation()
-    gnss: GnssSimulation = GnssSimulation()
-    odometry: OdometrySimulation = OdometrySimulation()
-    landmarks: LandmarkSimulation = LandmarkSimulation()
-    sonar: SonarSimulation = SonarSimulation()
+    start: StartSimulation | None = None
+    imu: ImuSimulation | None = ImuSimulation()
+    dvl: DvlSimulation | None = DvlSimulation()
+    heading: HeadingSimulation | None = HeadingSimulation()
+    attitude: AttitudeSimulation | None = AttitudeSimulation()
+    depth: DepthSimulation | None = DepthSimulation()
+    gnss: GnssSimulation | None = GnssSimulation()
+    odometry: OdometrySimulation | None = OdometrySimulation()
+    landmarks: LandmarkSimulation | None = LandmarkSimulation()
+    sonar: SonarSimulation | None = SonarSimulation()
 
     @classmethod
     def matched(cls) -> SimulationSettings:

@@ -13,9 +13,9 @@ from gtsam_nav.frames import (
     rpy_from_rotation,
     wrap_angle,
 )
+from gtsam_nav.simulation.inertia import ideal_imu
 from gtsam_nav.simulation.marina import marina
 from gtsam_nav.simulation.motion import Motion, MotionSettings
-from gtsam_nav.simulation.sensors import ideal_imu
 
 WORLD = marina()
 
@@ -68,7 +68,7 @@ def integrate(motion: Motion, start_s: float, span_s: float, rate_hz: float) -> 
     dt = 1 / rate_hz
     t = start_s + np.arange(round(span_s * rate_hz) + 1) * dt
     truth = motion.at(t)
-    gyro_b, accel_b = ideal_imu(truth, WORLD.origin)
+    gyro_b, accel_b = ideal_imu(truth, WORLD.origin, flat=True)
     earth_n = earth_rate_n(WORLD.origin.latitude_deg)
     gravity_n = np.array([0.0, 0.0, gravity_m_s2(WORLD.origin.latitude_deg)])
     p_n, v_n, R_nb = truth.p_n[0], truth.v_n[0], truth.R_nb[0]
@@ -101,7 +101,7 @@ def test_specific_force_at_rest_and_level_is_gravity_upwards() -> None:
         rest_s=100.0, roll_deg=0, pitch_deg=0, yaw_deg=0, heave_m=0, depth_swing_m=0
     )
     truth = Motion(WORLD, calm, np.random.default_rng(0)).at([50.0])
-    gyro_b, accel_b = ideal_imu(truth, WORLD.origin)
+    gyro_b, accel_b = ideal_imu(truth, WORLD.origin, flat=True)
     gravity = gravity_m_s2(WORLD.origin.latitude_deg)
     np.testing.assert_allclose(accel_b[0], [0, 0, -gravity], atol=1e-12)
     earth_b = rotation_from_rpy(truth.rpy[0]).T @ earth_rate_n(WORLD.origin.latitude_deg)

@@ -27,10 +27,11 @@ from gtsam_nav.mission import (
 )
 from gtsam_nav.sensors.noise import NOISE_MODELS, HeadingNoise
 from gtsam_nav.simulation import SimulationSettings, sensors, simulate
+from gtsam_nav.simulation.inertia import ideal_imu
 from gtsam_nav.simulation.marina import marina
 from gtsam_nav.simulation.motion import Kinematics, Motion
 from gtsam_nav.simulation.raycast import cast
-from gtsam_nav.simulation.sensors import ideal_imu, point_velocity_b, wall_disturbance
+from gtsam_nav.simulation.sensors import point_velocity_b, wall_disturbance
 from gtsam_nav.simulation.settings import (
     DvlSimulation,
     GnssSimulation,
@@ -144,7 +145,7 @@ def test_imu_noise_has_the_stated_densities() -> None:
     settings = SimulationSettings(imu=no_drift)
     sensor = simulate(seed=SEED, duration_s=100.0, settings=settings).sensors["imu"]
     imu = series_of(sensor, ImuSeries)
-    gyro_b, accel_b = ideal_imu(truth_at(imu.t), WORLD.origin)
+    gyro_b, accel_b = ideal_imu(truth_at(imu.t), WORLD.origin, flat=True)
     for error, key in (
         (imu.gyro_i - gyro_b, "gyro_noise_density_rad_s_sqrt_hz"),
         (imu.accel_i - accel_b, "accel_noise_density_m_s2_sqrt_hz"),
@@ -157,9 +158,9 @@ def test_imu_turn_on_bias_has_the_stated_spread() -> None:
     motion, settings = motion_of(SEED), ImuSimulation()
     biases = []
     for seed in range(60):
-        sensor = sensors.imu(motion, WORLD.origin, 2.0, settings, np.random.default_rng(seed))
+        sensor = sensors.imu(motion, WORLD, 2.0, settings, np.random.default_rng(seed))
         imu = series_of(sensor, ImuSeries)
-        gyro_b, _ = ideal_imu(motion.at(imu.t), WORLD.origin)
+        gyro_b, _ = ideal_imu(motion.at(imu.t), WORLD.origin, flat=True)
         biases.append((imu.gyro_i - gyro_b).mean(axis=0))
     assert np.std(biases) == pytest.approx(settings.gyro_bias_sigma_rad_s, rel=0.2)
 
@@ -258,13 +259,13 @@ def test_gnss_outliers_are_there_unless_matched(mission: Mission, matched: Missi
 def test_landmarks_are_the_buoys_seen_from_the_truth(mission: Mission) -> None:
     seen = series_of(mission.sensors["landmarks"], LandmarkSeries)
     truth = truth_at(seen.t)
-    buoy_n = WORLD.buoys_n[np.searchsorted(WORLD.buoy_id, seen.id)]
+    buoy_n = WORLD.landmarks_n[np.searchsorted(WORLD.landmark_id, seen.id)]
     offset_b = np.einsum("nji,nj->ni", truth.R_nb, buoy_n - truth.p_n)
     error_range = seen.range_m - np.linalg.norm(offset_b, axis=1)
     error_bearing = wrap_angle(seen.bearing - np.arctan2(offset_b[:, 1], offset_b[:, 0]))
     assert np.std(error_range) == pytest.approx(seen.sigma_range[0], rel=0.2)
     assert np.std(error_bearing) == pytest.approx(seen.sigma_bearing[0], rel=0.2)
-    assert set(seen.id) == set(WORLD.buoy_id)
+    assert set(seen.id) == set(WORLD.landmark_id)
 
 
 def test_strongest_echoes_lie_at_the_true_wall_ranges(mission: Mission) -> None:

@@ -8,7 +8,7 @@ import pytest
 from gtsam_nav.frames import Origin
 from gtsam_nav.simulation.marina import CORRIDOR_AZIMUTH_DEG, marina
 from gtsam_nav.simulation.raycast import cast
-from gtsam_nav.simulation.world import Wall, World, segment_distances
+from gtsam_nav.simulation.world import Course, Wall, World, segment_distances
 
 
 def box_with_post() -> World:
@@ -17,12 +17,12 @@ def box_with_post() -> World:
     return World(
         name="box",
         origin=Origin(0.0, 0.0),
+        course=Course(np.array([[1.0, 1.0], [-1.0, 1.0], [0.0, -1.0]]), closed=True),
+        landmark_id=np.array([1]),
+        landmarks_n=np.array([[0.0, 3.0, 1.0]]),
         walls=(Wall(corners, 1.0),),
         piles_n=np.array([[4.0, 0.0]]),
         pile_radius_m=0.5,
-        buoy_id=np.array([1]),
-        buoys_n=np.array([[0.0, 3.0, 1.0]]),
-        circuit_n=np.array([[1.0, 1.0], [-1.0, 1.0], [0.0, -1.0]]),
     )
 
 
@@ -49,7 +49,7 @@ def test_clearance_counts_walls_piles_and_buoys() -> None:
 
 def test_wall_distances_are_one_column_a_wall() -> None:
     world = marina()
-    points = world.circuit_n
+    points = world.course.waypoints_n
     distances = world.wall_distances(points)
     for column, wall in zip(distances.T, world.walls, strict=True):
         pieces = np.stack([wall.corners_n[:-1], wall.corners_n[1:]], axis=1)
@@ -68,3 +68,10 @@ def test_rays_meet_nothing_beyond_the_range() -> None:
     hits = cast(box_with_post(), np.zeros((1, 2)), np.radians([[180.0, 270.0]]), 8.0)
     assert np.isinf(hits.range_m[0, 0])
     assert hits.range_m[0, 1] == pytest.approx(5.0)
+
+
+def test_open_water_has_no_walls_to_meet() -> None:
+    world = World("sea", None, Course(np.array([[0.0, 0.0], [5.0, 0.0]]), closed=False))
+    assert world.wall_distances([[1.0, 2.0]]).shape == (1, 0)
+    assert world.segments_n.shape == (0, 2, 2)
+    assert np.isinf(cast(world, np.zeros((1, 2)), np.zeros((1, 3)), 50.0).range_m).all()
