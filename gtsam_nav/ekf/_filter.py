@@ -11,7 +11,7 @@ import numba
 import numpy as np
 
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import IntArray
+from gtsam_nav.mission import BoolArray, IntArray
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -28,6 +28,8 @@ def run(
     x_start: Array,
     P_start: Array,
     accel_variance: Array,
+    restart_after: BoolArray,
+    restarted: IntArray,
 ) -> tuple[Array, Array, Array]:
     """Go through the events of ``constant_velocity.events``: n records, the rest measurements.
 
@@ -48,6 +50,9 @@ def run(
         now = t_event[j]
         if event[j] < n:
             _copy(x, P, x_record[event[j]], P_record[event[j]])
+            if restart_after[event[j]]:
+                for entry in restarted:
+                    P[entry, :], P[:, entry] = 0.0, 0.0
             continue
         k = event[j] - n
         _copy(x, P, x_new, P_new)

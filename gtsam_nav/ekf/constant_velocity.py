@@ -58,6 +58,18 @@ class Start:
 
 
 @dataclass(frozen=True)
+class Restarts:
+    """After which records (n,) the covariance of which entries of the state starts from zero.
+
+    The covariance of the next record is then that of the displacement between both: Mallios et al.
+    2014, section 3.2. The state itself runs on.
+    """
+
+    after: BoolArray
+    entries: IntArray
+
+
+@dataclass(frozen=True)
 class Filtered:
     """States (n, 8) and covariances (n, 8, 8) at the times asked for, and what became of each
     measurement: its normalised innovation squared (m,) and whether it passed the gate (m,)."""
@@ -70,7 +82,12 @@ class Filtered:
 
 
 def run(
-    measurements: Measurements, start: Start, t: Array, gate: Array, accel_variance: Array
+    measurements: Measurements,
+    start: Start,
+    t: Array,
+    gate: Array,
+    accel_variance: Array,
+    restarts: Restarts | None = None,
 ) -> Filtered:
     """Filter all measurements.
 
@@ -85,10 +102,12 @@ def run(
         Largest normalised innovation squared of a measurement that is used, by its size.
     accel_variance : ndarray, shape (4,)
         Densities of the white acceleration of u, v, w and r; those of u and v are equal.
+    restarts : Restarts, optional
+        None where absent.
     """
     from gtsam_nav.ekf import _filter
 
-    z = measurements
+    z, restarts = measurements, restarts or _no_restarts(t)
     x, P, nis = _filter.run(
         *events(z, t),
         len(t),
@@ -101,6 +120,8 @@ def run(
         start.x,
         start.P,
         accel_variance,
+        restarts.after,
+        restarts.entries,
     )
     return Filtered(t, x, P, nis, nis <= gate[z.size])
 
@@ -112,11 +133,20 @@ def events(z: Measurements, t: Array) -> tuple[Array, IntArray]:
     return both[order], order
 
 
+def _no_restarts(t: Array) -> Restarts:
+    return Restarts(np.zeros(len(t), dtype=bool), np.empty(0, dtype=np.int64))
+
+
 def run_readable(
-    measurements: Measurements, start: Start, t: Array, gate: Array, accel_variance: Array
+    measurements: Measurements,
+    start: Start,
+    t: Array,
+    gate: Array,
+    accel_variance: Array,
+    restarts: Restarts | None = None,
 ) -> Filtered:
     """The same as `run`, step by step."""
-    z = measurements
+    z, restarts = measurements, restarts or _no_restarts(t)
     now, x, P = start.t, start.x, start.P
     x_record, P_record = np.empty((len(t), 8)), np.empty((len(t), 8, 8))
     nis = np.empty(len(z))
@@ -125,6 +155,9 @@ def run_readable(
         now = then
         if event < len(t):
             x_record[event], P_record[event] = x, P
+            if restarts.after[event]:
+                P = P.copy()
+                P[restarts.entries], P[:, restarts.entries] = 0.0, 0.0
             continue
         k, size = event - len(t), z.size[event - len(t)]
         entries = z.first[k] + np.arange(size)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from gtsam_nav.ekf.constant_velocity import (
     YAW,
     Filtered,
     Measurements,
+    Restarts,
     Start,
     run,
 )
@@ -31,6 +33,37 @@ from gtsam_nav.trajectory import Trajectory
 START_SIGMA = (10.0, 10.0, 5.0, 1.0)
 """Of u, v, w (m/s) and r (rad/s) before the first measurement; their mean is zero. Wide, since a
 vehicle that is already under way would otherwise be gated out for ever."""
+
+SAME_TIME_S = 1e-6
+
+
+@dataclass(frozen=True)
+class DeadReckoned:
+    """What the filter made of a mission.
+
+    Attributes
+    ----------
+    measurements : Measurements
+    filtered : Filtered
+        At the trajectory's rate, and at the restarts.
+    rejections : tuple of Rejection
+        The samples that were left out or gated.
+    """
+
+    measurements: Measurements
+    filtered: Filtered
+    rejections: tuple[Rejection, ...]
+
+    @property
+    def innovations(self) -> dict[str, Innovations]:
+        """Normalised innovations squared of what was used, by sensor."""
+        z, filtered = self.measurements, self.filtered
+        used = {k: np.flatnonzero(filtered.used & (z.sensor == k)) for k in range(len(z.names))}
+        return {
+            z.names[k]: Innovations(z.t[own], filtered.nis[own], int(z.size[own[0]]))
+            for k, own in used.items()
+            if len(own)
+        }
 
 
 def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
@@ -51,30 +84,73 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         Where the filter diverges to values that are not finite.
     """
     clock = StageClock()
-    with clock.stage("prepare"):
-        start = align(mission)
-        measurements, rejections = collect_measurements(mission, config.motion)
     with clock.stage("filter"):
-        gate = np.array([chi2_limit(config.dr.gate_probability, size) for size in range(1, 5)])
-        filtered = run(
-            measurements,
-            _start(start),
-            _record_times(start.t, mission.span_s[1], config.motion.rate_hz),
-            np.append(0.0, gate),
-            _accel_variance(config.motion),
-        )
+        start = align(mission)
+        reckoned = dead_reckon(mission, start, config)
     progress("dead reckoning", 1.0)
     return Solution(
         method="dr",
-        trajectory=_trajectory(filtered, mission),
+        trajectory=filtered_trajectory(reckoned.filtered, mission),
         mission=mission,
         georeferenced=start.georeferenced and start.heading_known,
-        rejections=(*mission.rejections, *rejections, *_gated(measurements, filtered)),
+        rejections=(*mission.rejections, *reckoned.rejections),
         warnings=mission.warnings,
-        innovations=_innovations(measurements, filtered),
-        gnss_used=1 if start.georeferenced and mission.initial.p_n is None else 0,
+        innovations=reckoned.innovations,
+        gnss_used=fixes_used(mission, start),
         stage_s=clock.seconds,
     )
+
+
+def fixes_used(mission: Mission, start: Alignment) -> int:
+    """How many fixes a method used that takes its start from GNSS, and nothing else."""
+    return 1 if start.georeferenced and mission.initial.p_n is None else 0
+
+
+def dead_reckon(
+    mission: Mission,
+    start: Alignment,
+    config: Config,
+    restarts_s: Array | None = None,
+    restarted: tuple[int, ...] = (),
+) -> DeadReckoned:
+    """Run the filter over a mission.
+
+    Parameters
+    ----------
+    mission : Mission
+    start : Alignment
+    config : Config
+    restarts_s : ndarray, shape (m,), optional
+        Times inside the mission at which the covariance of some entries starts from zero.
+    restarted : tuple of int
+        Those entries.
+
+    Raises
+    ------
+    DataError
+        Where nothing measures the velocity.
+    EstimationError
+        Where the filter diverges to values that are not finite.
+    """
+    measurements, left_out = collect_measurements(mission, config.motion)
+    gate = np.array([chi2_limit(config.dr.gate_probability, size) for size in range(1, 5)])
+    t = _record_times(start.t, mission.span_s[1], config.motion.rate_hz)
+    restarts = None
+    if restarts_s is not None:
+        t = _with_times(t, restarts_s)
+        restarts = Restarts(np.isin(t, restarts_s), np.array(restarted, dtype=np.int64))
+    filtered = run(
+        measurements,
+        _start(start),
+        t,
+        np.append(0.0, gate),
+        _accel_variance(config.motion),
+        restarts,
+    )
+    if not np.all(np.isfinite(filtered.x)):
+        raise EstimationError("dead reckoning diverged: the state is not finite")
+    rejections = (*left_out, *_gated(measurements, filtered))
+    return DeadReckoned(measurements, filtered, rejections)
 
 
 def _start(start: Alignment) -> Start:
@@ -90,6 +166,15 @@ def _accel_variance(settings: MotionSettings) -> Array:
 def _record_times(start_s: float, stop_s: float, rate_hz: float) -> Array:
     t = start_s + np.arange(int((stop_s - start_s) * rate_hz) + 2) * (1.0 / rate_hz)
     return np.asarray(t[t <= stop_s], dtype=float)
+
+
+def _with_times(grid: Array, t: Array) -> Array:
+    """Grid and further times in order; the grid gives way to what is all but the same time."""
+    nearest = np.searchsorted(t, grid)
+    after = t[np.minimum(nearest, len(t) - 1)]
+    before = t[np.maximum(nearest - 1, 0)]
+    apart = np.minimum(np.abs(after - grid), np.abs(grid - before)) > SAME_TIME_S
+    return np.sort(np.concatenate([grid[apart], t]))
 
 
 def collect_measurements(
@@ -201,21 +286,9 @@ def _gated(z: Measurements, filtered: Filtered) -> Iterator[Rejection]:
         )
 
 
-def _innovations(z: Measurements, filtered: Filtered) -> dict[str, Innovations]:
-    """Normalised innovations squared of what was used, by sensor."""
-    used = {name: np.flatnonzero(filtered.used & (z.sensor == k)) for k, name in enumerate(z.names)}
-    return {
-        name: Innovations(z.t[own], filtered.nis[own], int(z.size[own[0]]))
-        for name, own in used.items()
-        if len(own)
-    }
-
-
-def _trajectory(filtered: Filtered, mission: Mission) -> Trajectory:
+def filtered_trajectory(filtered: Filtered, mission: Mission) -> Trajectory:
     """The filtered states with the tilt that the mission measured."""
     t, x, P = filtered.t, filtered.x, filtered.P
-    if not np.all(np.isfinite(x)):
-        raise EstimationError("dead reckoning diverged: the state is not finite")
     tilt, sigma_tilt = tilt_at(mission, t)
     cov = np.zeros((len(t), 6, 6))
     planar = np.array([0, 1, 2, 5])

@@ -50,4 +50,19 @@ class LandmarkEkfSettings(Settings):
 
 
 class PoseEkfSettings(Settings):
-    """The augmented-state filter on scan poses."""
+    """The augmented-state filter on scan poses, and scan matching without it.
+
+    Attributes
+    ----------
+    loop_radius_m : float
+        Every earlier scan that is no further away is registered.
+    association : {"mean", "nearest"}
+        How the filter's registrations pair points, in place of ``pic.association``: nearest, as
+        published; along a corridor the mean holds on to the walls' sampling and shortens the way.
+    gate_probability : float
+        Probability of the chi-square gate on each match, with and without the filter.
+    """
+
+    loop_radius_m: float = Field(default=15.0, gt=0)
+    association: Literal["mean", "nearest"] = "nearest"
+    gate_probability: float = Field(default=0.999, gt=0, lt=1)

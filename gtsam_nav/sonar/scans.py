@@ -86,6 +86,15 @@ def find_turns(sonar: Sensor, max_gap_s: float) -> Turns:
     return Turns(first, last, series.t[(first + last) // 2])
 
 
+def thin_scans(scan_times: Array, min_spacing_s: float) -> Array:
+    """Indices of scans at least a spacing apart, greedily from the first."""
+    kept: list[int] = []
+    for k, t in enumerate(scan_times):
+        if not kept or t - scan_times[kept[-1]] >= min_spacing_s:
+            kept.append(k)
+    return np.array(kept, dtype=np.int64)
+
+
 def form_scans(echoes: Echoes, turns: Turns, motion: PlanarMotion) -> list[Scan]:
     """Deskew the echoes of each turn with the vehicle's motion.
 

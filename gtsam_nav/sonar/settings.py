@@ -51,10 +51,13 @@ class ScanSettings(Settings):
         A scan with fewer points is not registered.
     max_gap_s : float
         A longer silence of the sonar ends a scan.
+    min_interval_s : float
+        Scans closer together than this are thinned out (sonars and lasers that scan fast).
     """
 
     min_points: int = Field(default=20, ge=3)
     max_gap_s: float = Field(default=3.0, gt=0)
+    min_interval_s: float = Field(default=2.0, ge=0)
 
 
 class SonarSettings(Settings):

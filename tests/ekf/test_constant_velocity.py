@@ -12,6 +12,7 @@ from gtsam_nav.ekf.constant_velocity import (
     YAW,
     Filtered,
     Measurements,
+    Restarts,
     Start,
     predict,
     run,
@@ -84,6 +85,38 @@ def test_the_compiled_filter_is_the_readable_one(seed: int) -> None:
     compiled, readable = (filt(z, begin, t, gate, ACCEL_VARIANCE) for filt in (run, run_readable))
     assert_same(compiled, readable)
     assert 0 < compiled.used.sum() < len(z)
+
+
+@settings(max_examples=20)
+@seeds
+def test_restarts_are_the_same_in_both(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    z, begin, t = mixture(rng), start(rng), np.arange(0.0, 25.0, 0.7)
+    restarts = Restarts(rng.random(len(t)) < 0.3, np.array([0, 1, YAW]))
+    compiled, readable = (
+        filt(z, begin, t, OPEN_GATE, ACCEL_VARIANCE, restarts) for filt in (run, run_readable)
+    )
+    assert_same(compiled, readable)
+
+
+def test_a_restart_is_a_start_whose_position_is_known() -> None:
+    rng = np.random.default_rng(3)
+    z, t = mixture(rng), np.array([8.05, 11.0, 15.0])
+    restarts = Restarts(np.array([True, False, False]), np.array([0, 1]))
+    found = run(z, start(rng), t, OPEN_GATE, ACCEL_VARIANCE, restarts)
+    P = found.P[0].copy()
+    assert np.all(np.diag(P)[:2] > 0)
+    P[:2], P[:, :2] = 0.0, 0.0
+    later = z.t > t[0]
+    rest = Measurements(
+        *(getattr(z, name)[later] for name in ("t", "first", "size", "value", "variance")),
+        z.sensor[later],
+        z.row[later],
+        z.names,
+    )
+    again = run(rest, Start(t[0], found.x[0], P), t[1:], OPEN_GATE, ACCEL_VARIANCE)
+    np.testing.assert_allclose(found.x[1:], again.x, atol=1e-12)
+    np.testing.assert_allclose(found.P[1:], again.P, atol=1e-12)
 
 
 @pytest.mark.parametrize("filt", [run, run_readable])

@@ -217,7 +217,7 @@ def test_what_the_reader_dropped_stays_on_record() -> None:
     solution = gn.estimate(mission, "dr")
     assert solution.rejections == (dropped,)
     assert solution.warnings == mission.warnings
-    assert set(solution.stage_s) == {"prepare", "filter"}
+    assert set(solution.stage_s) == {"filter"}
 
 
 def test_progress_ends_at_one() -> None:

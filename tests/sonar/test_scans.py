@@ -9,7 +9,13 @@ from gtsam_nav.frames import Array
 from gtsam_nav.mission import BeamSeries, ScanSeries, Sensor
 from gtsam_nav.sonar.echoes import Echoes, echoes_of_scans
 from gtsam_nav.sonar.motion import PlanarMotion
-from gtsam_nav.sonar.scans import Turns, find_turns, form_scans, planar_rotations
+from gtsam_nav.sonar.scans import (
+    Turns,
+    find_turns,
+    form_scans,
+    planar_rotations,
+    thin_scans,
+)
 
 STEP = np.radians(1.8)
 DT = 0.07
@@ -146,3 +152,10 @@ def test_turns_without_echoes_are_empty_scans() -> None:
     scans = form_scans(wall_seen(motion), turns, motion)
     assert len(scans[0]) > 50
     assert len(scans[1]) == 0
+
+
+def test_thinning_keeps_a_spacing_and_the_first() -> None:
+    t = np.array([0.0, 0.5, 1.9, 2.0, 2.1, 4.5])
+    np.testing.assert_array_equal(thin_scans(t, 2.0), [0, 3, 5])
+    np.testing.assert_array_equal(thin_scans(t, 0.0), np.arange(6))
+    assert len(thin_scans(np.empty(0), 2.0)) == 0

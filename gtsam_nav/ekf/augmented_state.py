@@ -1,0 +1,135 @@
+"""The augmented state of the pose filter: the poses of all scans, with their joint covariance.
+
+Mallios et al. 2014, section 4.3. A measurement is of two poses only, so that an update costs one
+pass over the covariance: three columns of ``P H'``, and a correction of rank six.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gtsam_nav.ekf.compounding import tail_to_tail
+from gtsam_nav.errors import EstimationError
+from gtsam_nav.frames import Array, wrap_angle
+
+LEAST_CONDITION = 1e-12
+"""Of an innovation covariance, smallest over largest variance, that can still be inverted."""
+
+
+class AugmentedState:
+    """Poses (x, y, yaw) of scans in the order of time, with room for a given number of them.
+
+    Parameters
+    ----------
+    capacity : int
+        Scans that will be added.
+    pose : ndarray, shape (3,)
+        Of the first scan.
+    cov : ndarray, shape (3, 3)
+    """
+
+    def __init__(self, capacity: int, pose: Array, cov: Array) -> None:
+        self._x = np.zeros(3 * capacity)
+        self._P = np.zeros((3 * capacity, 3 * capacity))
+        self._x[:3], self._P[:3, :3] = pose, cov
+        self._n = 1
+
+    def __len__(self) -> int:
+        return self._n
+
+    @property
+    def poses(self) -> Array:
+        """Shape (n, 3), a copy."""
+        return self._x[: 3 * self._n].reshape(-1, 3).copy()
+
+    @property
+    def cov(self) -> Array:
+        """Joint covariance of all poses, shape (3 n, 3 n), a copy."""
+        size = 3 * self._n
+        return self._P[:size, :size].copy()
+
+    @property
+    def marginals(self) -> Array:
+        """Covariance of each pose, shape (n, 3, 3)."""
+        return np.array([self.marginal(k) for k in range(self._n)])
+
+    def marginal(self, k: int) -> Array:
+        """Covariance of pose k, shape (3, 3)."""
+        return self._P[_of(k), _of(k)].copy()
+
+    def displacement(self, a: int, b: int) -> tuple[Array, Array]:
+        """Pose b in pose a (3,), and its covariance (3, 3)."""
+        q, J_a, J_b = tail_to_tail(self._x[_of(a)], self._x[_of(b)])
+        J, entries = np.hstack([J_a, J_b]), np.r_[_of(a), _of(b)]
+        return q, J @ self._P[np.ix_(entries, entries)] @ J.T
+
+    def augment(self, pose: Array, J_last: Array, cov_added: Array) -> None:
+        """Add the next scan.
+
+        Parameters
+        ----------
+        pose : ndarray, shape (3,)
+            As predicted from the last pose.
+        J_last : ndarray, shape (3, 3)
+            Jacobian of the prediction in the last pose.
+        cov_added : ndarray, shape (3, 3)
+            What the prediction's own noise adds.
+        """
+        last, new = _of(self._n - 1), _of(self._n)
+        known = slice(0, 3 * self._n)
+        self._x[new] = pose
+        self._P[new, known] = J_last @ self._P[last, known]
+        self._P[known, new] = self._P[new, known].T
+        own = J_last @ self._P[last, last] @ J_last.T + cov_added
+        self._P[new, new] = 0.5 * (own + own.T)
+        self._n += 1
+
+    def update(self, a: int, b: int, q: Array, cov: Array, gate: float) -> float:
+        """Correct all poses by a measurement of pose b in pose a.
+
+        Parameters
+        ----------
+        q : ndarray, shape (3,)
+        cov : ndarray, shape (3, 3)
+        gate : float
+            Largest normalised innovation squared that is used.
+
+        Returns
+        -------
+        float
+            Normalised innovation squared; infinite where its covariance is singular. The state is
+            what it was where this exceeds the gate.
+        """
+        from gtsam_nav.ekf._rank_six import subtract_symmetric
+
+        size = 3 * self._n
+        expected, J_a, J_b = tail_to_tail(self._x[_of(a)], self._x[_of(b)])
+        innovation = q - expected
+        innovation[2] = wrap_angle(innovation[2])
+        PHt = self._P[:size, _of(a)] @ J_a.T + self._P[:size, _of(b)] @ J_b.T
+        S = J_a @ PHt[_of(a)] + J_b @ PHt[_of(b)] + cov
+        S = 0.5 * (S + S.T)
+        if not _is_invertible(S):
+            return np.inf
+        nis = float(innovation @ np.linalg.solve(S, innovation))
+        if not nis <= gate:
+            return nis
+        K: Array = np.ascontiguousarray(np.linalg.solve(S, PHt.T).T)
+        self._x[:size] += K @ innovation
+        self._x[2:size:3] = wrap_angle(self._x[2:size:3])
+        # Joseph's (I - K H) P (I - K H)' + K R K' is P - K (P H')' - (P H') K' + K S K'
+        subtract_symmetric(self._P, PHt - 0.5 * K @ S, K)
+        return nis
+
+
+def _of(k: int) -> slice:
+    """Entries of pose k."""
+    return slice(3 * k, 3 * k + 3)
+
+
+def _is_invertible(S: Array) -> bool:
+    """Whether an innovation covariance is positive definite, well away from singular."""
+    if not np.all(np.isfinite(S)):
+        raise EstimationError("the covariance of the poses is not finite")
+    variances = np.linalg.eigvalsh(S)
+    return bool(variances[0] > LEAST_CONDITION * variances[-1])

@@ -1,0 +1,74 @@
+"""Scan matching alone (MSISpIC): consecutive scans registered and chained, no loops.
+
+Mallios et al. 2014, section 4.2, and its baseline of that name. The chain knows no absolute
+heading: the compass only deskews the scans and starts the registrations, so that a heading which
+wanders within the scans adds up over the chain, where dead reckoning forgets it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gtsam_nav.config import Config
+from gtsam_nav.ekf.compounding import compound
+from gtsam_nav.ekf.scan_registration import ScanMatch, register_scans
+from gtsam_nav.ekf.scan_solution import PoseHistory, scan_solution
+from gtsam_nav.ekf.scan_track import ScanTrack, follow_scans
+from gtsam_nav.frames import Array, wrap_angle
+from gtsam_nav.mission import Mission
+from gtsam_nav.sensors.prediction import chi2_limit
+from gtsam_nav.solution import Progress, Solution, StageClock
+
+
+def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
+    """Chain the registrations of consecutive scans.
+
+    Where one fails, the dead-reckoned displacement takes its place.
+
+    Parameters
+    ----------
+    mission : Mission
+        With a scanning sonar or scans, and a DVL or odometry.
+    config : Config
+    progress : Progress
+
+    Raises
+    ------
+    DataError
+        Where the mission has no usable sonar, or nothing measures the velocity.
+    EstimationError
+        Where the dead reckoning diverges.
+    """
+    clock = StageClock()
+    with clock.stage("scans"):
+        track = follow_scans(mission, config)
+    with clock.stage("matching"):
+        poses, covs, matches = [track.pose(0)], [track.cov_since_last(0)], []
+        for k in range(1, len(track)):
+            found = match_consecutive(track, k, config)
+            q, cov = found.match.q, found.match.cov
+            if not found.accepted:
+                q, cov = track.displacement(k)
+            pose, J_last, J_q = compound(poses[-1], q)
+            poses.append(pose)
+            covs.append(J_last @ covs[-1] @ J_last.T + J_q @ cov @ J_q.T)
+            matches.append(found)
+            progress("scan matching", (k + 1) / len(track))
+    history = PoseHistory(np.array(poses), np.array(covs))
+    return scan_solution("scan-match", track, history, history, matches, (), clock)
+
+
+def match_consecutive(track: ScanTrack, k: int, config: Config) -> ScanMatch:
+    """Register scan k to the one before, and test the result against the dead reckoning."""
+    prior, cov_prior = track.displacement(k)
+    match = register_scans(track, k - 1, k, prior, cov_prior, config.pic)
+    if not match.ok:
+        return ScanMatch(k - 1, k, match, match.failure)
+    nis = _normalised(match.q - prior, cov_prior + match.cov)
+    contradicts = nis > chi2_limit(config.pose_ekf.gate_probability, 3)
+    return ScanMatch(k - 1, k, match, "innovation gate" if contradicts else "", nis)
+
+
+def _normalised(difference: Array, S: Array) -> float:
+    difference = np.append(difference[:2], wrap_angle(difference[2]))
+    return float(difference @ np.linalg.solve(S, difference))

@@ -1,0 +1,84 @@
+"""Registration of scans from an uncertain displacement, and the record of what became of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gtsam_nav.ekf.scan_track import ScanTrack
+from gtsam_nav.frames import Array
+from gtsam_nav.mission import Rejection
+from gtsam_nav.registration.pic import register
+from gtsam_nav.registration.result import PlanarMatch
+from gtsam_nav.registration.settings import PicSettings
+from gtsam_nav.solution import LoopClosure
+
+SEARCH_FLOOR = np.array([0.3, 0.3, np.radians(2.0)])
+"""A registration looks at least this far (x, y, yaw) around its prior."""
+SEARCH_CAP = np.array([4.0, 4.0, np.radians(20.0)])
+"""And never further: from worse starts it would settle on the wrong wall."""
+
+
+@dataclass(frozen=True)
+class ScanMatch:
+    """A registration of scan b to scan a; ``reason`` says why it was not used, empty if it was."""
+
+    a: int
+    b: int
+    match: PlanarMatch
+    reason: str
+    nis: float = np.nan
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the match was used."""
+        return not self.reason
+
+    def as_loop(self, track: ScanTrack) -> LoopClosure:
+        """For the record of candidates."""
+        # a registration that never ran has nothing to report
+        tried = 1.0 if self.match.iterations else np.nan
+        dx, dy, dyaw = (tried * self.match.q).tolist()
+        sigma_x, sigma_y, sigma_yaw = (tried * np.sqrt(np.diag(self.match.cov))).tolist()
+        return LoopClosure(
+            t_a=float(track.t[self.a]),
+            t_b=float(track.t[self.b]),
+            dx_m=dx,
+            dy_m=dy,
+            dyaw=dyaw,
+            sigma_x_m=sigma_x,
+            sigma_y_m=sigma_y,
+            sigma_yaw=sigma_yaw,
+            score=self.match.overlap,
+            verdict="accepted" if self.accepted else "rejected",
+            reason=self.reason,
+        )
+
+    def as_rejection(self, track: ScanTrack) -> Rejection:
+        """For the record of measurements that were not used: scan b by its middle beam."""
+        turns, sonar = track.sonar.turns, track.instrument
+        middle = (turns.first[self.b] + turns.last[self.b]) // 2
+        residual = float(np.sqrt(self.nis)) if np.isfinite(self.nis) else None
+        t, row = float(track.t[self.b]), int(sonar.series.row[middle])
+        return Rejection(t, sonar.name, row, f"scan match: {self.reason}", residual)
+
+
+def register_scans(
+    track: ScanTrack, a: int, b: int, prior: Array, cov_prior: Array, settings: PicSettings
+) -> PlanarMatch:
+    """Register scan b to scan a.
+
+    Parameters
+    ----------
+    prior : ndarray, shape (3,)
+        Expected pose of b in a.
+    cov_prior : ndarray, shape (3, 3)
+        Its covariance, which says how far to look.
+    """
+    scans = track.sonar.scans
+    if min(len(scans[a]), len(scans[b])) < track.min_points:
+        return PlanarMatch(prior, cov_prior, 0.0, 0, f"fewer than {track.min_points} points")
+    sigma = np.sqrt(np.maximum(np.diag(cov_prior), 1e-12))
+    factor = np.clip(sigma, SEARCH_FLOOR, SEARCH_CAP) / sigma
+    return register(scans[a], scans[b], prior, cov_prior * np.outer(factor, factor), settings)

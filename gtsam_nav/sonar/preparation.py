@@ -1,0 +1,89 @@
+"""From a mission's sonars to deskewed scans, and from a trajectory to the map: for every method."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+
+from gtsam_nav.mission import Mission, Rejection, Sensor
+from gtsam_nav.solution import SonarMap
+from gtsam_nav.sonar.defects import WHOLE_SENSOR, sonar_defect
+from gtsam_nav.sonar.echoes import Echoes, echoes_of_scans, segment
+from gtsam_nav.sonar.motion import PlanarMotion
+from gtsam_nav.sonar.scans import Scan, Turns, find_turns, form_scans, thin_scans
+from gtsam_nav.sonar.settings import SegmentationSettings, SonarSettings
+from gtsam_nav.trajectory import Trajectory
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class SonarData:
+    """Echoes of a mission, cut into scans and deskewed by the vehicle's own motion."""
+
+    echoes: Echoes
+    turns: Turns
+    scans: list[Scan]
+
+
+def leave_out_defective_sonar(
+    mission: Mission, settings: SonarSettings
+) -> tuple[Mission, Echoes | None, tuple[Rejection, ...], tuple[str, ...]]:
+    """The mission with the one sonar to be used, and its echoes; why others are not is recorded."""
+    rejections: list[Rejection] = []
+    used: str | None = None
+    echoes: Echoes | None = None
+    for sonar in [*mission.of_type("beams"), *mission.of_type("scans")]:
+        if not settings.use:
+            defect = "switched off by sonar.use"
+        elif used is not None:
+            defect = f"the sonar '{used}' is used"
+        else:
+            defect = sonar_defect(sonar)
+            if not defect:
+                found = _echoes(sonar, settings.segmentation)
+                defect = "" if len(found) else "no echo stands out of its noise"
+        if not defect:
+            used, echoes = sonar.name, found
+            continue
+        log.warning("sonar '%s' is not used: %s", sonar.name, defect)
+        rejections.append(Rejection(float(sonar.series.t[0]), sonar.name, WHOLE_SENSOR, defect))
+        mission = mission.without(sonar.name)
+    warnings = tuple(f"sonar '{r.sensor}' is not used: {r.reason}" for r in rejections)
+    return mission, echoes, tuple(rejections), warnings
+
+
+def _echoes(sonar: Sensor, settings: SegmentationSettings) -> Echoes:
+    if sonar.type == "beams":
+        return segment(sonar, settings)
+    return echoes_of_scans(sonar)
+
+
+def sonar_turns(mission: Mission, settings: SonarSettings) -> Turns | None:
+    """Turns of the one sonar that is left, thinned; None without a sonar or a single turn."""
+    sonar = mission.first("beams") or mission.first("scans")
+    if sonar is None:
+        return None
+    turns = find_turns(sonar, settings.scans.max_gap_s)
+    kept = thin_scans(turns.t_ref, settings.scans.min_interval_s)
+    turns = Turns(turns.first[kept], turns.last[kept], turns.t_ref[kept])
+    return turns if len(turns) else None
+
+
+def deskewed(echoes: Echoes, turns: Turns, motion: PlanarMotion) -> SonarData:
+    """The echoes that lie in a turn, and the scans that they make once the motion is taken out."""
+    echoes = echoes.select(turns.hold(echoes.beam))
+    return SonarData(echoes, turns, form_scans(echoes, turns, motion))
+
+
+def sonar_map(echoes: Echoes, trajectory: Trajectory) -> SonarMap:
+    """All echoes of the used scans where the trajectory puts them."""
+    inside = (echoes.t >= trajectory.t[0]) & (echoes.t <= trajectory.t[-1])
+    p_n = np.stack([np.interp(echoes.t[inside], trajectory.t, c) for c in trajectory.p_n.T], axis=1)
+    yaw = np.interp(echoes.t[inside], trajectory.t, np.unwrap(trajectory.rpy[:, 2]))
+    x, y = echoes.xy_b[inside].T
+    p_n[:, 0] += np.cos(yaw) * x - np.sin(yaw) * y
+    p_n[:, 1] += np.sin(yaw) * x + np.cos(yaw) * y
+    return SonarMap(p_n, echoes.t[inside], echoes.strength[inside])

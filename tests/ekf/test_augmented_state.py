@@ -1,0 +1,155 @@
+"""The augmented state against the textbook's filter with dense matrices."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import chi2
+
+from gtsam_nav.ekf.augmented_state import AugmentedState
+from gtsam_nav.ekf.compounding import compound, tail_to_tail
+from gtsam_nav.errors import EstimationError
+from gtsam_nav.frames import Array, wrap_angle
+
+seeds = given(st.integers(0, 2**32 - 1))
+NORTH_ALIGNED = np.diag([1.0, 1.0, 0.0])
+
+
+def covariance(rng: np.random.Generator, scale: Array | float = 1.0) -> Array:
+    root = rng.normal(size=(3, 3)) * scale
+    return np.asarray(root.T @ root + 1e-4 * np.eye(3))
+
+
+def some_state(rng: np.random.Generator, n: int) -> AugmentedState:
+    """A few poses, every pair of neighbours but the last matched."""
+    state = AugmentedState(n, rng.normal(size=3), covariance(rng, 0.1))
+    for k in range(1, n):
+        q, J_last = rng.normal(size=3), rng.choice([0, 1])
+        pose, J_compound, _ = compound(state.poses[-1], q)
+        state.augment(pose, NORTH_ALIGNED if J_last else J_compound, covariance(rng, 0.1))
+        if k < n - 1:
+            state.update(k - 1, k, q + 0.02 * rng.normal(size=3), covariance(rng, 0.1), np.inf)
+    return state
+
+
+@seeds
+def test_augmentation_is_that_of_dense_matrices(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    state = AugmentedState(4, rng.normal(size=3), covariance(rng))
+    x, P = state.poses.ravel(), state.cov
+    for _ in range(3):
+        pose, J_last, J_q = compound(state.poses[-1], rng.normal(size=3))
+        added = J_q @ covariance(rng) @ J_q.T
+        n = len(x)
+        F = np.eye(n + 3, n)
+        F[n:, n - 3 :] = J_last
+        x, P = np.append(x, pose), F @ P @ F.T
+        P[n:, n:] += added
+        state.augment(pose, J_last, added)
+        np.testing.assert_allclose(state.poses.ravel(), x)
+        np.testing.assert_allclose(state.cov, P, atol=1e-12)
+
+
+@seeds
+def test_an_update_is_that_of_dense_matrices(seed: int) -> None:
+    """Joseph's form with all its zeros; the measurement is of any two poses."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(2, 7))
+    state = some_state(rng, n)
+    a, b = rng.choice(n, 2, replace=False).tolist()
+    x, P = state.poses.ravel(), state.cov
+    expected, J_a, J_b = tail_to_tail(x[3 * a : 3 * a + 3], x[3 * b : 3 * b + 3])
+    R, q = covariance(rng, 0.2), expected + 0.1 * rng.normal(size=3)
+    H = np.zeros((3, 3 * n))
+    H[:, 3 * a : 3 * a + 3], H[:, 3 * b : 3 * b + 3] = J_a, J_b
+    np.testing.assert_allclose(state.displacement(a, b)[1], H @ P @ H.T, atol=1e-9)
+    innovation = q - expected
+    innovation[2] = wrap_angle(innovation[2])
+    S = H @ P @ H.T + R
+    K = P @ H.T @ np.linalg.inv(S)
+    left = np.eye(3 * n) - K @ H
+    nis = state.update(a, b, q, R, np.inf)
+    assert nis == pytest.approx(innovation @ np.linalg.solve(S, innovation), rel=1e-6)
+    moved = state.poses.ravel() - (x + K @ innovation)
+    moved[2::3] = wrap_angle(moved[2::3])
+    np.testing.assert_allclose(moved, 0.0, atol=1e-9)
+    np.testing.assert_allclose(state.cov, left @ P @ left.T + K @ R @ K.T, atol=1e-9)
+
+
+def test_the_covariance_stays_one_over_many_updates() -> None:
+    rng = np.random.default_rng(4)
+    n, R = 40, np.diag([1e-3, 1e-3, 1e-4]) ** 2
+    state = AugmentedState(n, np.zeros(3), 1e4 * np.eye(3))
+    for k in range(1, n):
+        pose, J_last, J_q = compound(state.poses[-1], np.array([1.0, 0.0, 0.2]))
+        state.augment(pose, J_last, J_q @ np.diag([0.5, 0.5, 0.1]) ** 2 @ J_q.T)
+        for a in range(k):
+            q, _ = state.displacement(a, k)
+            state.update(a, k, q + rng.normal(size=3) * np.sqrt(np.diag(R)), R, np.inf)
+    np.testing.assert_array_equal(state.cov, state.cov.T)
+    assert np.linalg.eigvalsh(state.cov)[0] > 0
+    np.testing.assert_array_equal(state.marginals[7], state.marginal(7))
+
+
+def test_what_the_gate_stops_leaves_no_trace() -> None:
+    state = some_state(np.random.default_rng(0), 4)
+    poses, cov = state.poses, state.cov
+    q, _ = state.displacement(0, 3)
+    limit = float(chi2.ppf(0.999, 3))
+    assert state.update(0, 3, q + np.array([50.0, 0.0, 0.0]), 0.01 * np.eye(3), limit) > limit
+    np.testing.assert_array_equal(state.poses, poses)
+    np.testing.assert_array_equal(state.cov, cov)
+    assert state.update(0, 3, q, 0.01 * np.eye(3), limit) <= limit
+    assert np.trace(state.cov) < np.trace(cov)
+
+
+def test_a_singular_innovation_covariance_is_not_used() -> None:
+    """Two poses that are tied without error, and a measurement that claims none."""
+    state = AugmentedState(2, np.zeros(3), np.eye(3))
+    state.augment(np.zeros(3), np.eye(3), np.zeros((3, 3)))
+    cov = state.cov
+    assert state.update(0, 1, np.array([0.1, 0.0, 0.0]), np.zeros((3, 3)), np.inf) == np.inf
+    assert state.update(0, 1, np.zeros(3), np.diag([1.0, 1.0, 0.0]), 1.0) == np.inf
+    np.testing.assert_array_equal(state.poses, np.zeros((2, 3)))
+    np.testing.assert_array_equal(state.cov, cov)
+
+
+def test_a_covariance_that_is_not_finite_is_an_error() -> None:
+    state = AugmentedState(2, np.zeros(3), np.full((3, 3), np.nan))
+    state.augment(np.zeros(3), np.eye(3), np.eye(3))
+    with pytest.raises(EstimationError, match="not finite"):
+        state.update(0, 1, np.zeros(3), np.eye(3), np.inf)
+
+
+def test_yaws_are_compared_the_short_way_round() -> None:
+    state = AugmentedState(2, np.array([0.0, 0.0, 3.1]), 0.01 * np.eye(3))
+    state.augment(np.array([0.0, 0.0, -3.1]), NORTH_ALIGNED, 0.01 * np.eye(3))
+    assert state.update(0, 1, np.array([0.0, 0.0, 0.0]), 0.01 * np.eye(3), np.inf) < 1.0
+    yaw = state.poses[:, 2]
+    assert np.all((yaw >= -np.pi) & (yaw < np.pi))
+    assert np.all(np.abs(yaw) > 3.1)
+
+
+def test_errors_of_a_matched_problem_are_chi_square() -> None:
+    """Independent displacements, independent matches, small angles: 3 a pose over many trials."""
+    rng = np.random.default_rng(1)
+    n, trials = 5, 100
+    Q, R = np.diag([0.2, 0.2, 0.01]) ** 2, np.diag([0.05, 0.05, 0.01]) ** 2
+    nees = 0.0
+    for _ in range(trials):
+        truth = np.array([[2.0 * k, 0.5 * (k % 2), 0.1 * k] for k in range(n)])
+        first = truth[0] + 0.1 * rng.normal(size=3)
+        state = AugmentedState(n, first, 0.01 * np.eye(3))
+        for k in range(1, n):
+            noise = rng.multivariate_normal(np.zeros(3), Q)
+            pose = np.append(state.poses[-1, :2] + (truth[k] - truth[k - 1])[:2], truth[k, 2])
+            state.augment(pose + noise, NORTH_ALIGNED, Q)
+            for a in range(k):
+                match = rng.multivariate_normal(tail_to_tail(truth[a], truth[k])[0], R)
+                state.update(a, k, match, R, np.inf)
+        error = (state.poses - truth).ravel()
+        nees += float(error @ np.linalg.solve(state.cov, error))
+    low, high = chi2.ppf([0.001, 0.999], 3 * n * trials)
+    assert low < nees < high

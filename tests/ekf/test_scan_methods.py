@@ -1,0 +1,343 @@
+"""Scan matching and pose SLAM on small missions whose truth is known, and on bad ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gtsam_nav as gn
+from gtsam_nav.config import Config, load_config
+from gtsam_nav.ekf.pose_slam import PoseFilter, loop_candidates
+from gtsam_nav.ekf.scan_track import ScanTrack, follow_scans
+from gtsam_nav.errors import DataError
+from gtsam_nav.frames import Array, wrap_angle
+from gtsam_nav.mission import (
+    BeamSeries,
+    HeadingSeries,
+    InitialState,
+    Mission,
+    OdometrySeries,
+    ReferenceSeries,
+    ScanSeries,
+    Sensor,
+    Series,
+)
+from gtsam_nav.solution import Solution
+from gtsam_nav.sonar.defects import WHOLE_SENSOR
+
+METHODS = ("scan-match", "pose-ekf")
+RADIUS_M, SPEED_M_S, LAPS = 12.0, 1.0, 2
+SCAN_EVERY_S = 3.0
+STOP_S = LAPS * 2 * np.pi * RADIUS_M / SPEED_M_S
+
+
+def truth(t: Array) -> Array:
+    """North, east and yaw on a circle, clockwise."""
+    angle = SPEED_M_S * t / RADIUS_M
+    return np.column_stack(
+        [RADIUS_M * np.sin(angle), RADIUS_M * (1 - np.cos(angle)), wrap_angle(angle)]
+    )
+
+
+def circling(
+    compass: bool = True, seed: int = 0, turn_error: float = 0.0, stop_s: float = STOP_S
+) -> Mission:
+    """Laps among posts, with odometry of poor speed, and a compass or an odd turn rate."""
+    rng = np.random.default_rng(seed)
+    posts = rng.uniform([-30, -20], [30, 45], (120, 2))
+    t = np.arange(0.0, stop_s, 0.1)
+    n = len(t)
+    t_scan = np.arange(1.0, stop_s, SCAN_EVERY_S)
+    points = []
+    for north, east, yaw in truth(t_scan):
+        c, s = np.cos(yaw), np.sin(yaw)
+        seen = (posts - [north, east]) @ np.array([[c, -s], [s, c]])
+        seen = seen[np.linalg.norm(seen, axis=1) < 25.0]
+        points.append(seen + 0.05 * rng.normal(size=seen.shape))
+    v_b = np.column_stack([np.full(n, 1.05 * SPEED_M_S), np.zeros(n)])
+    rate = np.full(n, SPEED_M_S / RADIUS_M + turn_error)
+    series: dict[str, Series] = {
+        "odometry": OdometrySeries(
+            t=t,
+            v_b=v_b + 0.05 * rng.normal(size=(n, 2)),
+            yaw_rate=rate + 0.01 * rng.normal(size=n),
+            sigma_v=np.full(n, 0.2),
+            sigma_yaw_rate=np.full(n, 0.05),
+        ),
+        "scans": ScanSeries(
+            t=t_scan,
+            first=np.concatenate([[0], np.cumsum([len(p) for p in points])]),
+            points_b=np.vstack(points),
+        ),
+        "reference": ReferenceSeries(
+            t=t, p_n=np.column_stack([truth(t)[:, :2], np.zeros(n)]), vertical_usable=False
+        ),
+    }
+    if compass:
+        wobble = np.radians(3.0) * np.sin(t / 20.0)
+        series["heading"] = HeadingSeries(
+            t=t, heading=truth(t)[:, 2] + wobble, sigma=np.full(n, 0.01)
+        )
+    sensors = {name: Sensor(name, name, one) for name, one in series.items()}
+    start = InitialState(p_n=np.zeros(3), sigma_p=0.1, heading=0.0)
+    return Mission("circling", sensors, initial=start)
+
+
+def error_m(solution: Solution) -> float:
+    """Root mean square of the horizontal error, without alignment."""
+    difference = solution.trajectory.p_n[:, :2] - truth(solution.trajectory.t)[:, :2]
+    return float(np.sqrt(np.mean(np.sum(difference**2, axis=1))))
+
+
+@pytest.fixture(scope="module", params=[True, False], ids=["compass", "no compass"])
+def mission(request: pytest.FixtureRequest) -> Mission:
+    turn_error = 0.0 if request.param else 0.002
+    return circling(compass=request.param, turn_error=turn_error)
+
+
+def test_matching_mends_dead_reckoning_and_loops_mend_matching(mission: Mission) -> None:
+    solutions = [gn.estimate(mission, name) for name in ("dr", *METHODS)]
+    aligned = [gn.evaluate(s, mission.reference).ate.se2 for s in solutions]
+    dr, matched, slam = (e.mean for e in aligned if e is not None)
+    assert dr > 0.8
+    assert matched < 0.05
+    assert slam < 0.75 * matched
+    # the start's heading, known to 3 deg, turns it all
+    assert all(error_m(solution) < 0.3 for solution in solutions[1:])
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_trajectory_is_whole(mission: Mission, method: str) -> None:
+    solution = gn.estimate(mission, method)
+    trajectory, online = solution.trajectory, solution.online
+    assert online is not None
+    scans = mission.sensors["scans"].series
+    for one in (trajectory, online):
+        assert (one.t[0], one.t[-1]) == pytest.approx(mission.span_s)
+        assert np.max(np.diff(one.t)) <= 0.1 + 1e-9
+        assert one.cov_pose_n is not None
+        np.testing.assert_allclose(one.cov_pose_n, np.swapaxes(one.cov_pose_n, 1, 2), atol=1e-12)
+        assert np.linalg.eigvalsh(one.cov_pose_n)[:, 0].min() > -1e-9
+    assert trajectory.keyframe is not None
+    np.testing.assert_array_equal(trajectory.t[trajectory.keyframe], scans.t)
+    steps = np.linalg.norm(np.diff(trajectory.p_n, axis=0), axis=1)
+    assert steps.max() < 0.5, "no jump at a scan"
+    turns = np.abs(wrap_angle(np.diff(trajectory.rpy[:, 2])))
+    assert turns.max() < np.radians(5.0)
+    assert solution.n_keyframes == len(scans)
+    assert solution.sonar_map is not None
+    assert len(solution.sonar_map.points_n) > 0
+    assert {"odometry", "scans"} <= set(solution.innovations)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_causal_estimate_knows_no_future(mission: Mission, method: str) -> None:
+    cut_s = 80.0
+    whole, part = (gn.estimate(m, method).online for m in (mission, mission.crop(stop_s=cut_s)))
+    assert whole is not None
+    assert part is not None
+    shared = part.t < cut_s - 1.0
+    same = np.isin(whole.t, part.t[shared])
+    np.testing.assert_allclose(whole.p_n[same], part.p_n[shared], atol=1e-9)
+    np.testing.assert_allclose(whole.cov_pose_n[same], part.cov_pose_n[shared], atol=1e-9)  # type: ignore[index]
+
+
+def test_the_poses_of_scans_are_kept_by_the_trajectory(mission: Mission) -> None:
+    config = Config()
+    track = follow_scans(mission, config)
+    pose_filter = filtered(track, config)
+    trajectory = gn.estimate(mission, "pose-ekf").trajectory
+    scans = trajectory.select(trajectory.keyframe)  # type: ignore[arg-type]
+    np.testing.assert_allclose(scans.p_n[:, :2], pose_filter.state.poses[:, :2], atol=1e-9)
+    np.testing.assert_allclose(
+        wrap_angle(scans.rpy[:, 2] - pose_filter.state.poses[:, 2]), 0.0, atol=1e-9
+    )
+    planar = np.array([0, 1, 5])
+    assert scans.cov_pose_n is not None
+    np.testing.assert_allclose(
+        scans.cov_pose_n[:, planar[:, None], planar], pose_filter.state.marginals, atol=1e-12
+    )
+
+
+def filtered(track: ScanTrack, config: Config) -> PoseFilter:
+    pose_filter = PoseFilter(track, config)
+    for k in range(1, len(track)):
+        pose_filter.add_scan(k)
+    return pose_filter
+
+
+def test_every_candidate_is_on_record() -> None:
+    solution = gn.estimate(circling(), "pose-ekf", load_config(None, ["pic.min_overlap=0.8"]))
+    verdicts = {loop.verdict for loop in solution.loops}
+    assert verdicts == {"accepted", "rejected"}
+    for loop in solution.loops:
+        assert loop.t_b - loop.t_a > SCAN_EVERY_S * 1.5
+        assert bool(loop.reason) == (loop.verdict == "rejected")
+        if loop.verdict == "accepted":
+            assert loop.score >= 0.8
+    assert any("overlap" in loop.reason for loop in solution.loops)
+    revisits = [loop for loop in solution.loops if loop.t_b - loop.t_a > 60.0]
+    assert len(revisits) > 10
+    graph = solution.pose_graph
+    assert graph is not None
+    used = sum(loop.verdict == "accepted" for loop in solution.loops)
+    consecutive = solution.n_keyframes - 1
+    unmatched = sum("scan match" in r.reason for r in solution.rejections)
+    assert len(graph.edges) == consecutive + (consecutive - unmatched) + used
+
+
+def test_candidates_are_those_within_the_radius_nearest_first() -> None:
+    poses = np.array([[0, 0, 0], [9, 0, 1], [5, 0, 2], [2, 0, 3], [1, 0, 0], [1, 0, 0.0]])
+    assert loop_candidates(poses, 4.5) == [0, 3, 2]
+    assert loop_candidates(poses[:2], 4.5) == []
+
+
+def test_a_match_that_fails_leaves_the_dead_reckoned_displacement() -> None:
+    """With a blind scan the chain goes on, and says so."""
+    mission = circling()
+    sensor = mission.sensors["scans"]
+    series = sensor.series
+    assert isinstance(series, ScanSeries)
+    sizes = np.diff(series.first)
+    blind = 10
+    kept = np.repeat(np.arange(len(series)) != blind, sizes)
+    sizes[blind] = 0
+    gappy = replace(
+        series, first=np.concatenate([[0], np.cumsum(sizes)]), points_b=series.points_b[kept]
+    )
+    mission = mission.with_sensor(replace(sensor, series=gappy))
+    for method in METHODS:
+        solution = gn.estimate(mission, method)
+        left_out = [r for r in solution.rejections if r.sensor == "scans"]
+        assert [r.index for r in left_out] == [blind, blind + 1]
+        assert all(r.reason == "scan match: fewer than 20 points" for r in left_out)
+        assert error_m(solution) < 0.7
+        assert solution.warnings == ()
+
+
+def test_a_lie_is_stopped_by_the_gate() -> None:
+    """A scan that shows the world from elsewhere is not believed."""
+    mission = circling()
+    sensor = mission.sensors["scans"]
+    series = sensor.series
+    assert isinstance(series, ScanSeries)
+    points = series.points_b.copy()
+    k = 12
+    points[series.first[k] : series.first[k + 1]] += [3.5, -3.5]
+    mission = mission.with_sensor(replace(sensor, series=replace(series, points_b=points)))
+    solution = gn.estimate(mission, "pose-ekf")
+    t = float(series.t[k])
+    about = [loop for loop in solution.loops if t in (loop.t_a, loop.t_b)]
+    assert about
+    assert all(loop.verdict == "rejected" for loop in about)
+    assert error_m(solution) < 0.3
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_scans_that_never_match_leave_dead_reckoning(method: str) -> None:
+    config = load_config(None, ["sonar.scans.min_points=500"])
+    solution, dr = (gn.estimate(circling(), name, config) for name in (method, "dr"))
+    assert "no scan could be matched: the trajectory is dead-reckoned" in solution.warnings
+    apart = solution.trajectory.interpolate(dr.trajectory.t[1:-1]).p_n - dr.trajectory.p_n[1:-1]
+    # with a compass the filter's displacements are those of dr, less what it mends in hindsight
+    assert np.abs(apart).max() < 0.3
+    sigma, sigma_dr = solution.trajectory.sigma_p_n, dr.trajectory.sigma_p_n
+    assert sigma is not None
+    assert sigma_dr is not None
+    assert np.all(sigma[-1, :2] >= 0.9 * sigma_dr[-1, :2])
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_one_scan_is_enough_to_run(method: str) -> None:
+    mission = circling(stop_s=3.5)
+    assert len(mission.sensors["scans"].series) == 1
+    solution = gn.estimate(mission, method)
+    assert solution.n_keyframes == 1
+    assert solution.loops == ()
+    assert error_m(solution) < 0.5
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_mission_without_sonar_is_refused_by_name(method: str) -> None:
+    with pytest.raises(
+        DataError, match=r"needs a turn of a scanning sonar .* the mission has: heading, odometry$"
+    ):
+        gn.estimate(circling().without("scans"), method)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_sonar_that_is_no_use_is_refused_with_the_reason(method: str) -> None:
+    silent = BeamSeries(
+        t=np.arange(0, 20, 0.1),
+        angle=np.linspace(0, 6, 200),
+        intensity=np.zeros((200, 50), np.uint8),
+    )
+    mission = circling().without("scans").with_sensor(Sensor("eye", "beams", silent))
+    with pytest.raises(DataError, match="sonar 'eye' is not used: all echo intensities are zero"):
+        gn.estimate(mission, method)
+    with pytest.raises(DataError, match=r"switched off by sonar\.use"):
+        gn.estimate(circling(), method, load_config(None, ["sonar.use=false"]))
+
+
+def test_a_second_sonar_is_left_out_and_named() -> None:
+    mission = circling()
+    other = replace(mission.sensors["scans"], name="other")
+    solution = gn.estimate(mission.with_sensor(other), "pose-ekf")
+    assert [(r.sensor, r.index) for r in solution.rejections] == [("other", WHOLE_SENSOR)]
+    assert "sonar 'other' is not used: the sonar 'scans' is used" in solution.warnings
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_two_runs_are_the_same(method: str) -> None:
+    one, other = (gn.estimate(circling(), method) for _ in range(2))
+    np.testing.assert_array_equal(one.trajectory.p_n, other.trajectory.p_n)
+    np.testing.assert_array_equal(one.trajectory.cov_pose_n, other.trajectory.cov_pose_n)
+    np.testing.assert_equal(one.loops, other.loops)
+
+
+def test_the_sonar_of_the_marina_is_used() -> None:
+    mission = gn.simulate("marina", seed=6, duration_s=90.0)
+    config = load_config(None, ["gnss.use=none"])
+    solution = gn.estimate(mission, "pose-ekf", config)
+    assert solution.n_keyframes == 7
+    assert "sonar" in solution.innovations
+    metrics = gn.evaluate(solution, solution.reference)
+    assert metrics.ate.se2 is not None
+    assert metrics.ate.se2.mean < 1.0
+    assert metrics.ate_online is not None
+    assert metrics.coverage is not None
+    assert metrics.coverage > 0.99
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_loops_mend_the_compass_of_the_marina(seed: int) -> None:
+    mission = gn.simulate("marina", seed=seed)
+    config = load_config(None, ["gnss.use=none"])
+    slam, dr = (gn.estimate(mission, name, config) for name in ("pose-ekf", "dr"))
+    errors = [gn.evaluate(s, mission.reference).ate.se2 for s in (slam, dr)]
+    assert errors[0] is not None
+    assert errors[1] is not None
+    assert errors[0].mean <= 0.8
+    assert errors[0].mean <= 0.4 * errors[1].mean
+
+
+@pytest.mark.slow
+@pytest.mark.realdata
+@pytest.mark.parametrize("gnss", ["none", "window"])
+def test_stpere(stpere_folder: Path, gnss: str) -> None:
+    mission = gn.open_mission(stpere_folder)
+    config = load_config(None, [f"gnss.use={gnss}", "gnss.window_s=[0,300]"])
+    means = {}
+    for method in ("dr", *METHODS):
+        solution = gn.estimate(mission, method, config)
+        metrics = gn.evaluate(solution, solution.reference, (0.0, 3020.0))
+        assert metrics.coverage is not None
+        assert metrics.coverage > 0.99
+        assert metrics.ate.se2 is not None
+        means[method] = metrics.ate.se2.mean
+    assert means["pose-ekf"] <= 1.6
+    assert means["pose-ekf"] < means["scan-match"] < means["dr"]
