@@ -1,0 +1,1 @@
+"""Three published systems beside ours, over many seeds: ``python -m benchmarks.seeds``."""
