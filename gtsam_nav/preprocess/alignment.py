@@ -9,6 +9,7 @@ import numpy as np
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, rotation_from_rpy, wrap_angle
 from gtsam_nav.mission import DepthSeries, GnssSeries, ImuSeries, Mission
+from gtsam_nav.preprocess.first_fixes import first_fixes, located
 from gtsam_nav.sensors.orientation import headings_true, tilt_at
 
 UNKNOWN_SIGMA_M = 1.0
@@ -137,9 +138,10 @@ def _position(mission: Mission, start: float, R_nb: Array) -> tuple[Array, Array
     if initial.p_n is not None:
         return np.array(initial.p_n, dtype=float), np.full(3, initial.sigma_p), True
     gnss = mission.first("gnss")
-    if gnss is None:
+    series = None if gnss is None else gnss.series
+    if gnss is None or not isinstance(series, GnssSeries) or not np.any(located(series)):
         return np.zeros(3), np.full(3, UNKNOWN_SIGMA_M), False
-    series = gnss.series
-    assert isinstance(series, GnssSeries)
-    moved_m = UNKNOWN_SPEED_M_S * max(series.t[0] - start - PUNCTUAL_S, 0.0)
-    return series.p_n[0] - R_nb @ gnss.xyz_b, np.hypot(series.sigma[0], moved_m), True
+    series = series.select(located(series))
+    k = first_fixes(series).first
+    moved_m = UNKNOWN_SPEED_M_S * max(series.t[k] - start - PUNCTUAL_S, 0.0)
+    return series.p_n[k] - R_nb @ gnss.xyz_b, np.hypot(series.sigma[k], moved_m), True

@@ -33,6 +33,8 @@ from gtsam_nav.trajectory import Trajectory
 
 SPREAD_SIGMAS = 5.0
 """Fixes tell a heading once they spread this many of their sigmas."""
+FIRST_FIXES_S = 60.0
+"""Fixes of so long a time tell together where a motion begins."""
 MAX_RATE_GAP_S = 0.5
 """A yaw rate is not carried over a longer silence if there is a compass."""
 SPIKE_PROBABILITY = 0.99999
@@ -103,6 +105,11 @@ class VehicleMotion:
         return p_n, (1 - f) * self.rpy[i] + f * self.rpy[j]
 
 
+def measures_velocity(mission: Mission) -> bool:
+    """Whether a mission has a sensor of the vehicle's speed: a DVL or odometry."""
+    return mission.first("dvl") is not None or mission.first("odometry") is not None
+
+
 def vehicle_motion(mission: Mission, start: Alignment, settings: MotionSettings) -> VehicleMotion:
     """Dead-reckon a mission's motion.
 
@@ -111,10 +118,7 @@ def vehicle_motion(mission: Mission, start: Alignment, settings: MotionSettings)
     DataError
         Where nothing measures the velocity.
     """
-    stop = mission.span_s[1]
-    t = start.t + np.arange(int((stop - start.t) * settings.rate_hz) + 1) / settings.rate_hz
-    if t[-1] < stop:
-        t = np.append(t, stop)
+    t = motion_grid(mission, start, settings)
     v_b, sigma_v, position_variance, usual_growth, rejections = _velocities(mission, t, settings)
     yaw, yaw_variance, gyro_bias_b = _yaw(mission, t, start, settings)
     tilt, _ = tilt_at(mission, t)
@@ -134,6 +138,13 @@ def vehicle_motion(mission: Mission, start: Alignment, settings: MotionSettings)
         gyro_bias_b=gyro_bias_b,
         rejections=rejections,
     )
+
+
+def motion_grid(mission: Mission, start: Alignment, settings: MotionSettings) -> Array:
+    """The uniform times of a mission's motion, its last sample's included."""
+    stop = mission.span_s[1]
+    t = start.t + np.arange(int((stop - start.t) * settings.rate_hz) + 1) / settings.rate_hz
+    return t if t[-1] >= stop else np.append(t, stop)
 
 
 def turn_onto_fixes(mission: Mission, motion: VehicleMotion) -> float | None:
@@ -157,6 +168,24 @@ def turn_onto_fixes(mission: Mission, motion: VehicleMotion) -> float | None:
     if np.std(fixes) < SPREAD_SIGMAS * float(np.median(series.sigma[inside, :2])):
         return None
     return float(np.angle(np.sum(np.conj(own) * fixes)))
+
+
+def offset_from_fixes(mission: Mission, motion: VehicleMotion) -> Array:
+    """Where the first minute's fixes put a motion, less where it is, shape (3,), m, level.
+
+    The median of all: the first one may be an outlier, and so may half of the others.
+    """
+    gnss = mission.first("gnss")
+    if gnss is None:
+        return np.zeros(3)
+    series = gnss.series
+    assert isinstance(series, GnssSeries)
+    first = series.select(
+        (series.t >= motion.t[0]) & (series.t <= max(series.t[0], motion.t[0]) + FIRST_FIXES_S)
+    )
+    p_n, rpy = motion.at(first.t)
+    off = first.p_n - p_n - rotation_from_rpy(rpy) @ gnss.xyz_b
+    return np.array([*np.median(off[:, :2], axis=0), 0.0]) if len(first) else np.zeros(3)
 
 
 def _velocities(
@@ -251,7 +280,7 @@ def _yaw(
         return np.interp(t, headings.t, level), variance, bias_b
     assert isinstance(imu.series, ImuSeries)
     noise = ImuNoise.model_validate(imu.noise)
-    offset, trend = _heading_less_turn(headings, np.interp(headings.t, t, turned), noise)
+    offset, trend = heading_less_turn(headings, np.interp(headings.t, t, turned), noise)
     bias_b[:2] = (imu.series.gyro_i @ imu.R_bs.T).mean(axis=0)[:2]
     bias_b[2] = -float(np.mean(trend))
     yaw = turned + np.interp(t, headings.t, offset)
@@ -297,7 +326,7 @@ def _smooth_heading(headings: HeadingSeries, rate_density: float) -> tuple[Array
     return level, float(np.median(variance))
 
 
-def _heading_less_turn(
+def heading_less_turn(
     headings: HeadingSeries, turned: Array, noise: ImuNoise
 ) -> tuple[Array, Array]:
     """Heading less the gyro's turn, smoothed as the gyro drifts; and its rate of change."""

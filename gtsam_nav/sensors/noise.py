@@ -44,12 +44,14 @@ class DvlNoise(Settings):
 class OdometryNoise(Settings):
     """Noise of body-frame speed and yaw rate where the file states none.
 
-    ``scale_sigma`` and ``misalignment_sigma_deg`` are the spread of the constant errors.
+    ``scale_sigma`` and ``misalignment_sigma_deg`` are the spread of the constant errors, and
+    ``curvature_sigma_deg_m`` that of a turn that goes unnoticed (wheels of unequal size).
     """
 
     sigma_v_m_s: float = Field(default=0.1, gt=0)
     sigma_yaw_rate_rad_s: float = Field(default=0.05, gt=0)
     scale_sigma: float = Field(default=0.03, ge=0)
+    curvature_sigma_deg_m: float = Field(default=1.0, ge=0)
     misalignment_sigma_deg: float = Field(default=0.5, ge=0)
 
 
@@ -85,7 +87,8 @@ class GnssNoise(Settings):
     """Noise of a GNSS receiver where the file states none.
 
     Successive fixes of a stand-alone receiver share most of their error: ``correlated_share`` is
-    the share of the variance that does, forgetting itself over ``correlation_time_s``.
+    the share of the variance that does, forgetting itself over ``correlation_time_s``. Velocities
+    are those of ``velocity_lag_s`` before their stamp: a receiver smooths them.
     """
 
     sigma_horizontal_m: float = Field(default=1.5, gt=0)
@@ -93,6 +96,7 @@ class GnssNoise(Settings):
     sigma_velocity_m_s: float = Field(default=0.2, gt=0)
     correlated_share: float = Field(default=0.0, ge=0, lt=1)
     correlation_time_s: float = Field(default=300.0, gt=0)
+    velocity_lag_s: float = 0.0
 
 
 class LandmarkNoise(Settings):

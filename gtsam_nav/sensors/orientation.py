@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gtsam_nav.frames import Array, rotation_from_rpy
+from gtsam_nav.frames import Array, rotation_from_rpy, wrap_angle
 from gtsam_nav.mission import AttitudeSeries, HeadingSeries, Mission
 from gtsam_nav.sensors.noise import HeadingNoise
 from gtsam_nav.sensors.prediction import BodyState, Prediction
@@ -40,6 +40,30 @@ def _inverse_right_jacobian(phi: Array) -> Array:
     S = skew(phi)
     factor = 1 / angle**2 - (1 + np.cos(angle)) / (2 * angle * np.sin(angle))
     return np.asarray(np.eye(3) + 0.5 * S + factor * S @ S)
+
+
+def predict_heading(
+    state: BodyState, heading: float, heading_bias: float, sigma: float
+) -> Prediction:
+    """Heading alone against a state: the yaw of ``Rz(bias)' R_nb`` less the reading, wrapped."""
+    forward, right, down = state.R_nb[:2].T
+    residual = wrap_angle([np.arctan2(forward[1], forward[0]) - heading_bias - heading])
+    # a turn about y lifts the bow by -down, one about z swings it by right
+    across = np.array([-forward[1], forward[0]]) / (forward @ forward)
+    jacobian = np.zeros((1, 9))
+    jacobian[0, 1], jacobian[0, 2] = -across @ down, across @ right
+    return Prediction(residual, jacobian, np.array([[sigma**2]]))
+
+
+def predict_tilt(state: BodyState, roll: float, pitch: float, sigma: float) -> Prediction:
+    """Roll and pitch alone against a state, wrapped."""
+    lift, right, down = state.R_nb[2]
+    level2 = right**2 + down**2
+    residual = wrap_angle([np.arctan2(right, down) - roll, np.arcsin(-lift) - pitch])
+    jacobian = np.zeros((2, 9))
+    jacobian[0, :3] = [1.0, -lift * right / level2, -lift * down / level2]
+    jacobian[1, 1:3] = np.array([down, -right]) / np.sqrt(level2)
+    return Prediction(residual, jacobian, sigma**2 * np.eye(2))
 
 
 def headings_true(mission: Mission) -> HeadingSeries | None:

@@ -1,0 +1,59 @@
+"""Measurements of one kind, as the inertial filter takes them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from gtsam_nav.ekf.error_state import SharedErrors
+from gtsam_nav.ekf.strapdown import InertialState
+from gtsam_nav.frames import Array
+from gtsam_nav.mission import IntArray
+from gtsam_nav.sensors.prediction import Prediction
+
+Observed = Literal["position", "velocity", "heading", "tilt", "depth", "gyro bias"]
+
+NO_ERRORS = SharedErrors(np.empty(0), np.empty(0))
+
+
+@dataclass(frozen=True)
+class Aid:
+    """Measurements of one kind by one sensor.
+
+    Attributes
+    ----------
+    name : str
+        Under which its innovations and rejections are recorded.
+    observes : str
+        What the filter doubts where a run of its rejections proves the filter lost.
+    size : int
+        Components of a measurement.
+    t : ndarray, shape (n,)
+    row : ndarray of int, shape (n,)
+        Sample numbers in the source.
+    predict : callable
+        Prediction of measurement k by a state and this sensor's shared errors; its Jacobian may be
+        wider than a body's, up to all 15 errors.
+    gate_probability : float or None
+        None takes every measurement.
+    shared : SharedErrors
+    shared_jacobian : ndarray, shape (size, len(shared))
+        Of the residual in the shared errors.
+    v_n : ndarray, shape (n, 3), optional
+        Velocities over the ground where that is what is measured; ``sigma_v`` is theirs.
+    """
+
+    name: str
+    observes: Observed
+    size: int
+    t: Array
+    row: IntArray
+    predict: Callable[[int, InertialState, Array], Prediction]
+    gate_probability: float | None
+    shared: SharedErrors = NO_ERRORS
+    shared_jacobian: Array = field(default_factory=lambda: np.empty((0, 0)))
+    v_n: Array | None = None
+    sigma_v: float = 0.0

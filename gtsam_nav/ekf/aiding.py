@@ -1,0 +1,206 @@
+"""What corrects the inertial navigation: each sensor's measurements, ready for the filter."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from gtsam_nav.config import Config
+from gtsam_nav.ekf.aid import NO_ERRORS, Aid
+from gtsam_nav.ekf.constraint_aids import constraints_on
+from gtsam_nav.ekf.error_state import SharedErrors
+from gtsam_nav.ekf.inertial_start import InertialStart
+from gtsam_nav.ekf.strapdown import InertialState, Strapdown
+from gtsam_nav.frames import Array
+from gtsam_nav.mission import (
+    AttitudeSeries,
+    DepthSeries,
+    GnssSeries,
+    Mission,
+    OdometrySeries,
+    Rejection,
+    Sensor,
+)
+from gtsam_nav.preprocess.first_fixes import first_fixes, located
+from gtsam_nav.sensors import depth, dvl, gnss, odometry, orientation
+from gtsam_nav.sensors.noise import GnssNoise, HeadingNoise
+from gtsam_nav.sensors.prediction import Prediction
+from gtsam_nav.sensors.rates import angular_rate_b
+
+
+def aids_of(
+    mission: Mission, strapdown: Strapdown, start: InertialStart, config: Config
+) -> tuple[list[Aid], tuple[Rejection, ...]]:
+    """All measurements that correct the filter, and the samples left out before it runs."""
+    rejections: list[Rejection] = []
+    aids: list[Aid] = []
+    for receiver in mission.of_type("gnss"):
+        usable, dropped = _usable_fixes(receiver)
+        rejections += dropped
+        aids += _gnss(usable, mission, strapdown, config)
+    velocity_aids, dropped = _velocities(mission, config)
+    rejections += dropped
+    aids += velocity_aids
+    aids += _depths(mission, strapdown, config)
+    aids += _orientation(mission, config)
+    aids += constraints_on(mission, strapdown, start, config)
+    return [aid for aid in aids if len(aid.t)], tuple(rejections)
+
+
+def _usable_fixes(receiver: Sensor) -> tuple[Sensor, list[Rejection]]:
+    """A receiver from its first fix on that the next ones bear out."""
+    series = receiver.series
+    assert isinstance(series, GnssSeries)
+    first = first_fixes(series).first
+    rejections = [
+        Rejection(float(series.t[k]), receiver.name, int(series.row[k]), "first fix off the next")
+        for k in range(first)
+    ]
+    return replace(receiver, series=series.select(slice(first, None))), rejections
+
+
+def _gnss(
+    receiver: Sensor, mission: Mission, strapdown: Strapdown, config: Config
+) -> Iterator[Aid]:
+    series, settings = receiver.series, config.gnss
+    assert isinstance(series, GnssSeries)
+    noise = GnssNoise.model_validate(receiver.noise)
+    rows = 3 if settings.use_height or mission.first("depth") is None else 2
+    share, lever_b = noise.correlated_share, receiver.xyz_b
+    white = series.sigma * np.sqrt(1 - share)
+    at, p_n = np.flatnonzero(located(series)), series.p_n
+
+    def position(k: int, state: InertialState, shared: Array) -> Prediction:
+        fix = gnss.predict(state.body, p_n[at[k]], lever_b, white[at[k]])
+        residual = fix.residual[:rows] + (shared if len(shared) else 0.0)
+        return Prediction(residual, fix.jacobian[:rows], fix.cov[:rows, :rows])
+
+    spread = np.median(series.sigma[at, :rows], axis=0) if len(at) else np.ones(rows)
+    drift = SharedErrors(np.sqrt(share) * spread, np.full(rows, noise.correlation_time_s))
+    yield Aid(
+        receiver.name,
+        "position",
+        rows,
+        series.t[at],
+        series.row[at],
+        position,
+        settings.position_gate_probability if settings.reject_outliers else None,
+        drift if share > 0 else NO_ERRORS,
+        np.eye(rows) if share > 0 else np.empty((rows, 0)),
+    )
+    v_n = series.v_n
+    if v_n is None or not settings.use_velocity:
+        return
+
+    def velocity(k: int, state: InertialState, _: Array) -> Prediction:
+        rate_b = strapdown.rate_b(state)
+        found = gnss.predict_velocity(state.body, v_n[k], rate_b, lever_b, noise.sigma_velocity_m_s)
+        return Prediction(found.residual[:rows], found.jacobian[:rows], found.cov[:rows, :rows])
+
+    yield Aid(
+        f"{receiver.name} velocity",
+        "velocity",
+        rows,
+        series.t - noise.velocity_lag_s,
+        series.row,
+        velocity,
+        settings.velocity_gate_probability if settings.reject_outliers else None,
+        v_n=v_n,
+        sigma_v=noise.sigma_velocity_m_s,
+    )
+
+
+def _velocities(mission: Mission, config: Config) -> tuple[list[Aid], list[Rejection]]:
+    """DVLs; odometry where no DVL measures."""
+    gate, limit_s = config.ins_ekf.gate_probability, config.motion.water_lock_after_s
+    aids: list[Aid] = []
+    rejections: list[Rejection] = []
+    for sensor in mission.of_type("dvl"):
+        found = dvl.body_velocities(sensor, angular_rate_b(mission, sensor.series.t), limit_s)
+        rejections += found.rejections
+        aids.append(_dvl(found, gate))
+    if not any(len(aid.t) for aid in aids):
+        aids = [_odometry(sensor, gate) for sensor in mission.of_type("odometry")]
+    return aids, rejections
+
+
+def _dvl(found: dvl.BodyVelocities, gate: float) -> Aid:
+    def velocity(k: int, state: InertialState, _: Array) -> Prediction:
+        return dvl.predict(state.body, found.v_b[k], float(found.sigma[k]))
+
+    return Aid(found.sensor, "velocity", 3, found.t, found.row, velocity, gate)
+
+
+def _odometry(sensor: Sensor, gate: float) -> Aid:
+    """Velocities; the yaw rate is the gyro's to know."""
+    series = sensor.series
+    assert isinstance(series, OdometrySeries)
+    v_b, sigma = series.v_b, series.sigma_v
+
+    def velocity(k: int, state: InertialState, _: Array) -> Prediction:
+        return odometry.predict(state.body, v_b[k], float(sigma[k]))
+
+    return Aid(sensor.name, "velocity", 3, series.t, series.row, velocity, gate)
+
+
+def _depths(mission: Mission, strapdown: Strapdown, config: Config) -> Iterator[Aid]:
+    for sensor in mission.of_type("depth"):
+        yield _depth(sensor, strapdown, config.ins_ekf.gate_probability)
+
+
+def _depth(sensor: Sensor, strapdown: Strapdown, gate: float) -> Aid:
+    series, lever_b = sensor.series, sensor.xyz_b
+    assert isinstance(series, DepthSeries)
+    depth_m, sigma = series.depth_m, series.sigma
+
+    def below(k: int, state: InertialState, _: Array) -> Prediction:
+        # the water's surface falls away from the plane of the mission's NED
+        sag_m = 0.0 if strapdown.level is None else strapdown.level.sag_m(state.p_n)
+        return depth.predict(state.body, depth_m[k] + sag_m, lever_b, float(sigma[k]))
+
+    return Aid(sensor.name, "depth", 1, series.t, series.row, below, gate)
+
+
+def _orientation(mission: Mission, config: Config) -> Iterator[Aid]:
+    gate = config.ins_ekf.gate_probability
+    compass, headings = mission.first("heading"), orientation.headings_true(mission)
+    if compass is not None and headings is not None:
+        noise = HeadingNoise.model_validate(compass.noise)
+        reading, sigma = headings.heading, headings.sigma
+
+        def heading(k: int, state: InertialState, shared: Array) -> Prediction:
+            bias = float(shared.sum())
+            return orientation.predict_heading(state.body, reading[k], bias, float(sigma[k]))
+
+        bias = SharedErrors(
+            np.radians([noise.bias_sigma_deg, noise.disturbance_sigma_deg]),
+            np.array([np.inf, noise.disturbance_time_s]),
+        )
+        some = bias.sigma > 0
+        shared = SharedErrors(bias.sigma[some], bias.time_s[some])
+        yield Aid(
+            compass.name,
+            "heading",
+            1,
+            headings.t,
+            headings.row,
+            heading,
+            gate,
+            shared,
+            np.full((1, len(shared)), -1.0),
+        )
+    for sensor in mission.of_type("attitude"):
+        yield _tilt(sensor, gate)
+
+
+def _tilt(sensor: Sensor, gate: float) -> Aid:
+    series = sensor.series
+    assert isinstance(series, AttitudeSeries)
+    roll, pitch, sigma = series.roll, series.pitch, series.sigma
+
+    def tilt(k: int, state: InertialState, _: Array) -> Prediction:
+        return orientation.predict_tilt(state.body, roll[k], pitch[k], float(sigma[k]))
+
+    return Aid(sensor.name, "tilt", 2, series.t, series.row, tilt, gate)

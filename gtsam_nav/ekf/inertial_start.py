@@ -1,0 +1,107 @@
+"""Coarse alignment: the state that the filter begins with, and how little is known of it.
+
+What a sensor measures is wide here: its own first reading narrows it, and is not counted twice.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gtsam_nav.ekf.strapdown import ACCEL_BIAS, GYRO_BIAS, NU, RHO, SIZE, THETA, InertialState
+from gtsam_nav.frames import Array, earth_rate_n, quaternion_from_rpy, rotation_from_rpy
+from gtsam_nav.mission import GnssSeries, Mission, Sensor
+from gtsam_nav.preprocess.alignment import align
+from gtsam_nav.preprocess.first_fixes import ANY_SPEED_M_S, first_fixes
+from gtsam_nav.preprocess.rest import Rest, initial_rest
+from gtsam_nav.sensors.noise import ImuNoise
+from gtsam_nav.sensors.orientation import UNMEASURED_TILT_SIGMA_RAD, headings_true
+
+VAGUE_M = 1e3
+UNKNOWN_YAW_SIGMA_RAD = np.pi / np.sqrt(3)
+"""Of a heading that may be any."""
+GYROCOMPASS_SIGMA_RAD = np.radians(5.0)
+"""Gyros whose biases turn a gyrocompass by more than this are none."""
+
+
+@dataclass(frozen=True)
+class InertialStart:
+    """State and covariance (15, 15) at the start.
+
+    Attributes
+    ----------
+    state : InertialState
+    P : ndarray, shape (15, 15)
+    rest : Rest or None
+        What the IMU feels while it is quiet at first.
+    gyrocompass : bool
+        Whether the rates at rest tell the heading.
+    georeferenced : bool
+    """
+
+    state: InertialState
+    P: Array
+    rest: Rest | None
+    gyrocompass: bool
+    georeferenced: bool
+
+
+def inertial_start(mission: Mission, imu: Sensor) -> InertialStart:
+    """Roll and pitch by levelling, the yaw by what there is: see `_yaw`."""
+    begin, rest = align(mission), initial_rest(imu)
+    rpy = begin.rpy.copy()
+    if rest is not None and mission.first("attitude") is None:
+        fx, fy, fz = rest.force_b
+        rpy[:2] = np.arctan2(-fy, -fz), np.arctan2(fx, np.hypot(fy, fz))
+    rpy[2], sigma_yaw, gyrocompass = _yaw(mission, imu, rest, rpy)
+    R_nb = rotation_from_rpy(rpy)
+    sigma_p = begin.sigma_p.copy()
+    if mission.initial.p_n is None and begin.georeferenced:
+        sigma_p[:] = VAGUE_M
+    if mission.first("depth") is not None:
+        sigma_p[2] = VAGUE_M
+    v_n, sigma_v = _velocity(mission)
+    tilt = UNMEASURED_TILT_SIGMA_RAD
+    noise = ImuNoise.model_validate(imu.noise)
+    P = np.zeros((SIZE, SIZE))
+    P[THETA, THETA] = R_nb.T @ np.diag([tilt**2, tilt**2, sigma_yaw**2]) @ R_nb
+    P[RHO, RHO] = R_nb.T @ np.diag(sigma_p**2) @ R_nb
+    P[NU, NU] = sigma_v**2 * np.eye(3)
+    P[GYRO_BIAS, GYRO_BIAS] = noise.gyro_bias_sigma_rad_s**2 * np.eye(3)
+    P[ACCEL_BIAS, ACCEL_BIAS] = noise.accel_bias_sigma_m_s2**2 * np.eye(3)
+    state = InertialState(
+        begin.t, quaternion_from_rpy(rpy), begin.p_n, v_n, np.zeros(3), np.zeros(3)
+    )
+    known = begin.heading_known or gyrocompass or mission.first("gnss") is not None
+    return InertialStart(state, P, rest, gyrocompass, begin.georeferenced and known)
+
+
+def _yaw(mission: Mission, imu: Sensor, rest: Rest | None, rpy: Array) -> tuple[float, float, bool]:
+    """Yaw, its standard deviation, and whether the gyros told it.
+
+    In this order: as stated, by gyrocompass, by compass, any (until the fixes show it), or the zero
+    of a local frame.
+    """
+    if mission.initial.heading is not None:
+        return mission.initial.heading, mission.initial.sigma_heading, False
+    if rest is not None and mission.origin is not None:
+        earth_n = earth_rate_n(mission.origin.latitude_deg)
+        bias = ImuNoise.model_validate(imu.noise).gyro_bias_sigma_rad_s
+        sigma = float(np.hypot(bias, rest.sigma_rate.max())) / max(earth_n[0], 1e-9)
+        if sigma < GYROCOMPASS_SIGMA_RAD:
+            # Groves (2013), equation (5.105)
+            level = rotation_from_rpy([rpy[0], rpy[1], 0.0]) @ rest.rate_b
+            return float(np.arctan2(-level[1], level[0])), UNKNOWN_YAW_SIGMA_RAD, True
+    if headings_true(mission) is not None or mission.first("gnss") is not None:
+        return float(rpy[2]), UNKNOWN_YAW_SIGMA_RAD, False
+    return float(rpy[2]), 1e-3, False
+
+
+def _velocity(mission: Mission) -> tuple[Array, float]:
+    receiver = mission.first("gnss")
+    if receiver is None:
+        return np.zeros(3), ANY_SPEED_M_S
+    assert isinstance(receiver.series, GnssSeries)
+    found = first_fixes(receiver.series)
+    return found.v_n, found.sigma_v

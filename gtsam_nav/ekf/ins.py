@@ -1,0 +1,168 @@
+"""Inertial navigation, corrected by what the mission has: the strapdown error-state EKF.
+
+After the GPS/INS filters with outlier rejection for surface vessels; the forms are those of Groves
+(2013), chapters 3 and 14. Closed loop: every accepted measurement corrects the state at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from gtsam_nav.config import Config
+from gtsam_nav.ekf.aid import Aid
+from gtsam_nav.ekf.aiding import aids_of
+from gtsam_nav.ekf.error_state import compose
+from gtsam_nav.ekf.inertial_start import inertial_start
+from gtsam_nav.ekf.ins_run import History, InsRun
+from gtsam_nav.ekf.rts import smooth
+from gtsam_nav.ekf.strapdown import (
+    ACCEL_BIAS,
+    GYRO_BIAS,
+    NU,
+    RHO,
+    SIZE,
+    THETA,
+    InertialState,
+    Strapdown,
+)
+from gtsam_nav.errors import DataError, EstimationError
+from gtsam_nav.frames import Array, rotation_from_quaternion
+from gtsam_nav.mission import Mission, Sensor
+from gtsam_nav.preprocess.alignment import align
+from gtsam_nav.solution import Innovations, Progress, SlowStates, Solution, StageClock
+from gtsam_nav.trajectory import Trajectory
+
+
+def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
+    """Navigate a mission by its IMU, aided by GNSS, DVL or odometry, depth, compass and tilt.
+
+    Parameters
+    ----------
+    mission : Mission
+        With an IMU; all else is used where present. With an IMU and a stated start alone this is
+        pure inertial navigation.
+    config : Config
+        ``ins_ekf.smooth`` runs the smoother; the filter's own estimate is then ``online``.
+    progress : Progress
+
+    Raises
+    ------
+    DataError
+        Where the mission has no IMU.
+    EstimationError
+        Where the filter diverges to values that are not finite.
+    """
+    clock = StageClock()
+    with clock.stage("prepare"):
+        align(mission)  # refuses a mission without a span in time
+        imu = _imu(mission)
+        strapdown, start = Strapdown(imu, mission.origin), inertial_start(mission, imu)
+        aids, rejections = aids_of(mission, strapdown, start, config)
+    with clock.stage("filter"):
+        run = InsRun(strapdown, start, aids, config.ins_ekf.smooth)
+        t = _record_times(*mission.span_s, config.motion.rate_hz)
+        history = run.run(t, progress)
+        filtered = [history.nodes[k] for k in history.recorded]
+        states, P = [node.state for node in filtered], [node.P for node in filtered]
+        trajectory = online = _trajectory(states, P)
+    if config.ins_ekf.smooth:
+        with clock.stage("smoother"):
+            progress("smoother", 0.0)
+            states, P = _smoothed(history)
+            trajectory = _trajectory(states, P)
+    progress("inertial navigation", 1.0)
+    return Solution(
+        method="ins-ekf",
+        trajectory=trajectory,
+        mission=mission,
+        georeferenced=start.georeferenced,
+        online=online if config.ins_ekf.smooth else None,
+        rejections=(*mission.rejections, *rejections, *history.rejections),
+        warnings=mission.warnings,
+        slow_states=_slow_states(states, P, imu),
+        innovations=_innovations(aids, history),
+        gnss_used=_fixes_used(aids, history),
+        stage_s=clock.seconds,
+    )
+
+
+def _imu(mission: Mission) -> Sensor:
+    imu = mission.first("imu")
+    if imu is None:
+        raise DataError(
+            f"mission '{mission.name}': inertial navigation needs an IMU; the mission has:"
+            f" {', '.join(sorted(mission.sensors)) or 'no sensor'}"
+        )
+    return imu
+
+
+def _record_times(start_s: float, stop_s: float, rate_hz: float) -> Array:
+    t = start_s + np.arange(int((stop_s - start_s) * rate_hz) + 2) * (1.0 / rate_hz)
+    return np.asarray(t[t <= stop_s], dtype=float)
+
+
+def _smoothed(history: History) -> tuple[list[InertialState], list[Array]]:
+    """Smoothed states and covariances at the recorded times."""
+    error, P = smooth(history.nodes, compose)
+    states = [history.nodes[k].state.corrected(error[k, :SIZE]) for k in history.recorded]
+    return states, [P[k] for k in history.recorded]
+
+
+def _trajectory(states: list[InertialState], P: list[Array]) -> Trajectory:
+    q_nb, p_n = np.array([s.q_nb_wxyz for s in states]), np.array([s.p_n for s in states])
+    v_n = np.array([s.v_n for s in states])
+    if not (np.all(np.isfinite(q_nb)) and np.all(np.isfinite(p_n)) and np.all(np.isfinite(v_n))):
+        raise EstimationError("inertial navigation diverged: the state is not finite")
+    cov, R_nb = np.array(P), rotation_from_quaternion(q_nb)
+    # errors (theta_b, rho_b, nu_b) to (dp_n, dtheta_n), all along the navigation axes
+    J = np.zeros((len(states), 9, 9))
+    for rows, entries in ((slice(0, 3), RHO), (slice(3, 6), THETA), (slice(6, 9), NU)):
+        J[:, rows, entries] = R_nb
+    cov_n = J @ cov[:, :9, :9] @ np.swapaxes(J, 1, 2)
+    return Trajectory(
+        t=np.array([s.t for s in states]),
+        p_n=p_n,
+        q_nb_wxyz=q_nb,
+        v_n=v_n,
+        cov_pose_n=cov_n[:, :6, :6],
+        sigma_v_n=np.sqrt(np.diagonal(cov_n[:, 6:, 6:], axis1=1, axis2=2)),
+    )
+
+
+def _slow_states(states: list[InertialState], P: list[Array], imu: Sensor) -> SlowStates:
+    """Biases along the IMU's own axes."""
+    cov, R_bs = np.array(P), imu.R_bs
+    columns: dict[str, tuple[Array, Array]] = {}
+    for name, unit, entries, biases_b in (
+        ("gyro", "rad_s", GYRO_BIAS, [s.gyro_bias_b for s in states]),
+        ("accel", "m_s2", ACCEL_BIAS, [s.accel_bias_b for s in states]),
+    ):
+        bias_i = np.array(biases_b) @ R_bs
+        cov_i = R_bs.T @ cov[:, entries, entries] @ R_bs
+        sigma = np.sqrt(np.diagonal(cov_i, axis1=1, axis2=2))
+        for k, axis in enumerate("xyz"):
+            columns[f"{name}_{axis}_{unit}"] = bias_i[:, k], sigma[:, k]
+    return SlowStates(np.array([s.t for s in states]), columns)
+
+
+def _innovations(aids: list[Aid], history: History) -> Mapping[str, Innovations]:
+    """Normalised innovations squared of what was used, by sensor.
+
+    One reading, as that of the first levelling, makes no statistics.
+    """
+    found = {}
+    for aid, used in zip(aids, history.used, strict=True):
+        if len(used) > 1:
+            t, nis = np.array(used).T
+            found[aid.name] = Innovations(t, nis, aid.size)
+    return found
+
+
+def _fixes_used(aids: list[Aid], history: History) -> int:
+    return sum(
+        len(used)
+        for aid, used in zip(aids, history.used, strict=True)
+        if aid.observes == "position"
+    )

@@ -1,0 +1,236 @@
+"""The state of landmark SLAM: one vehicle and its landmarks, with their joint covariance.
+
+Smith, Self and Cheeseman, *Estimating uncertain spatial relationships in robotics* (1990). Whatever
+the vehicle is, its errors come first in the covariance, then each landmark's: n and e, and d where
+the sensor tells elevations. Surveyed landmarks are in it from the start, all but certain.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from gtsam_nav.ekf.association import Comparison
+from gtsam_nav.frames import Array
+from gtsam_nav.mission import IntArray, Sensor
+from gtsam_nav.sensors.landmarks import Observation, Sighting, observe, place
+from gtsam_nav.sensors.prediction import BodyState
+
+LOST_FACTOR = 2.0
+"""By which the sigmas of a vehicle grow that no longer finds its landmarks."""
+
+
+class Vehicle(Protocol):
+    """What moves among the landmarks.
+
+    Attributes
+    ----------
+    size : int
+        Number of its errors.
+    pose : slice
+        Those of them that say where it is and how it moves.
+    """
+
+    size: int
+    pose: slice
+
+    def advance(self) -> tuple[Array, Array]:
+        """Go to the next time: transition and added noise of the errors, (size, size) each."""
+        ...
+
+    def correct(self, error: Array) -> None:
+        """Put an error of shape (size,) right."""
+        ...
+
+    @property
+    def body(self) -> BodyState:
+        """What the sensor models take."""
+        ...
+
+    @property
+    def body_jacobian(self) -> Array:
+        """Errors of `BodyState` in the vehicle's, shape (9, size)."""
+        ...
+
+    def pose_cov(self, P: Array) -> Array:
+        """Covariance (n, 6, 6) of position and rotation along the navigation axes at all its times,
+        where that of its errors is P, shape (n, size, size)."""
+        ...
+
+
+@dataclass(frozen=True)
+class Landmark:
+    """What is known of a landmark beside its place.
+
+    Attributes
+    ----------
+    id : int
+        The sensor's, or -1.
+    surveyed : bool
+    first : int
+        Number of the sighting that placed it; -1 for a surveyed one.
+    """
+
+    id: int
+    surveyed: bool = False
+    first: int = -1
+
+
+class LandmarkFilter:
+    """Extended Kalman filter over a vehicle and landmarks.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+    P : ndarray, shape (size, size)
+        Covariance of its errors.
+    sensor : Sensor
+        That sees the landmarks.
+    elevation : bool
+        Whether it tells elevations.
+    """
+
+    def __init__(self, vehicle: Vehicle, P: Array, sensor: Sensor, *, elevation: bool) -> None:
+        self.vehicle, self.P = vehicle, P.copy()
+        self.sensor, self.elevation = sensor, elevation
+        self.axes = 3 if elevation else 2
+        self.landmarks: list[Landmark] = []
+        self.p_n = np.empty((0, 3))
+
+    @property
+    def vehicle_cov(self) -> Array:
+        """Of the vehicle's errors, shape (size, size)."""
+        return self.P[: self.vehicle.size, : self.vehicle.size]
+
+    def landmark_cov(self, k: int) -> Array:
+        """Of a landmark's position, shape (3, 3); zero in d where the filter is planar."""
+        cov = np.zeros((3, 3))
+        cov[: self.axes, : self.axes] = self.P[self._of(k), self._of(k)]
+        return cov
+
+    def _of(self, k: int) -> slice:
+        first = self.vehicle.size + self.axes * k
+        return slice(first, first + self.axes)
+
+    def advance(self) -> None:
+        """Let the vehicle go to its next time."""
+        n = self.vehicle.size
+        Phi, Q = self.vehicle.advance()
+        self.P[:n] = Phi @ self.P[:n]
+        self.P[n:, :n] = self.P[:n, n:].T
+        self.P[:n, :n] = self.P[:n, :n] @ Phi.T + Q
+
+    def survey(self, id_: int, p_n: Array, sigma: float) -> None:
+        """Add a surveyed landmark."""
+        self._add(Landmark(id_, surveyed=True), p_n)
+        own = self._of(len(self.landmarks) - 1)
+        self.P[own, own] = sigma**2 * np.eye(self.axes)
+
+    def augment(self, landmark: Landmark, seen: Sighting) -> None:
+        """Add a landmark where a sighting puts it, with its covariance with all the rest."""
+        placed = place(self.vehicle.body, seen, self.sensor)
+        G = placed.jacobian_body[: self.axes] @ self.vehicle.body_jacobian
+        J = placed.jacobian_sighting[: self.axes]
+        n, size = self.vehicle.size, len(self.P)
+        self._add(landmark, placed.p_n)
+        own = self._of(len(self.landmarks) - 1)
+        self.P[own, :size] = G @ self.P[:n, :size]
+        self.P[:size, own] = self.P[own, :size].T
+        self.P[own, own] = G @ self.P[:n, :n] @ G.T + J @ seen.cov @ J.T
+
+    def _add(self, landmark: Landmark, p_n: Array) -> None:
+        self.landmarks.append(landmark)
+        self.p_n = np.vstack([self.p_n, p_n])
+        self.P = np.pad(self.P, (0, self.axes))
+
+    def remove(self, k: int) -> None:
+        """Forget a landmark."""
+        del self.landmarks[k]
+        self.p_n = np.delete(self.p_n, k, axis=0)
+        rows = np.arange(*self._of(k).indices(len(self.P)))
+        self.P = np.delete(np.delete(self.P, rows, axis=0), rows, axis=1)
+
+    def compare(self, measured: Array, noise: Array, landmarks: IntArray) -> Comparison:
+        """Sightings of now against some landmarks.
+
+        Parameters
+        ----------
+        measured : ndarray, shape (s, m)
+            Range, bearing[, elevation].
+        noise : ndarray, shape (s, m, m)
+            Their covariances.
+        landmarks : ndarray of int, shape (k,)
+            Numbers in the filter.
+        """
+        observed = self._observe(landmarks)
+        H = self._jacobian(observed, landmarks)
+        k, m, size = H.shape
+        flat = H.reshape(k * m, size)
+        return Comparison(
+            observed.residual(measured[:, None]),
+            (flat @ self.P @ flat.T).reshape(k, m, k, m),
+            noise,
+        )
+
+    def update(self, measured: Array, noise: Array, landmarks: IntArray) -> None:
+        """Correct all by sightings of now, (s, m) with covariances (s, m, m), of known landmarks.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            Where the innovation covariance is singular; the state is what it was.
+        """
+        observed = self._observe(landmarks)
+        n, m = measured.shape
+        H = self._jacobian(observed, landmarks).reshape(n * m, -1)
+        block = np.zeros((n, m, n, m))
+        block[np.arange(n), :, np.arange(n)] = noise
+        self.correct(observed.residual(measured).ravel(), H, block.reshape(n * m, n * m))
+
+    def correct(self, residual: Array, H: Array, noise: Array) -> None:
+        """Kalman update by a residual (predicted less measured) with Jacobian H and its noise.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            Where the innovation covariance is singular; the state is what it was.
+        """
+        PHt = self.P @ H.T
+        S = H @ PHt + noise
+        L = np.linalg.cholesky(0.5 * (S + S.T))
+        K = np.linalg.solve(L.T, np.linalg.solve(L, PHt.T)).T
+        error = -K @ residual
+        # Joseph's (I - K H) P (I - K H)' + K R K'
+        left = np.eye(len(self.P)) - K @ H
+        P = left @ self.P @ left.T + K @ noise @ K.T
+        self.P = 0.5 * (P + P.T)
+        n = self.vehicle.size
+        self.vehicle.correct(error[:n])
+        self.p_n[:, : self.axes] += error[n:].reshape(-1, self.axes)
+
+    def widen(self) -> None:
+        """Trust the vehicle's pose less: it has lost its landmarks."""
+        own = self.vehicle.pose
+        self.P[own, own] *= LOST_FACTOR**2
+
+    def _observe(self, landmarks: IntArray) -> Observation:
+        # what a planar filter has learnt itself lies level with the sensor
+        learnt = np.array([not self.landmarks[k].surveyed for k in landmarks], dtype=bool)
+        return observe(
+            self.vehicle.body,
+            self.p_n[landmarks],
+            self.sensor,
+            elevation=self.elevation,
+            level=None if self.elevation else learnt,
+        )
+
+    def _jacobian(self, observed: Observation, landmarks: IntArray) -> Array:
+        """In the errors of the whole state, shape (k, m, size)."""
+        k, m = observed.values.shape
+        H = np.zeros((k, m, len(self.P)))
+        H[..., : self.vehicle.size] = observed.jacobian_body @ self.vehicle.body_jacobian
+        for row, landmark in enumerate(landmarks):
+            H[row][:, self._of(landmark)] = observed.jacobian_landmark[row][:, : self.axes]
+        return H

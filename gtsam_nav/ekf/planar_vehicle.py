@@ -1,0 +1,135 @@
+"""The planar vehicle of landmark SLAM: equations (1) to (4) of the paper.
+
+State: n, e and course (the paper's x, y, phi), and two constants of the odometry, the error k of
+its scale and the curvature c of a path that it takes for straight; with spreads of zero they are
+out of the game, and the filter is the paper's. A step moves the vehicle by what odometry, or a DVL
+and a compass, say of the span: forward and starboard increments d_x, d_y and a turn d_phi, each
+with zero-mean Gaussian noise of covariance Q::
+
+    n      += (1 + k) (d_x cos(course) - d_y sin(course))
+    e      += (1 + k) (d_x sin(course) + d_y cos(course))
+    course += d_phi + c d_x
+
+Depth, roll and pitch are what the mission measures of them.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from gtsam_nav.frames import Array, rotation_from_rpy
+from gtsam_nav.mission import DepthSeries, Mission
+from gtsam_nav.preprocess.alignment import Alignment
+from gtsam_nav.preprocess.planar_motion import PlanarMotion
+from gtsam_nav.sensors.orientation import tilt_at
+from gtsam_nav.sensors.prediction import BodyState
+
+
+class PlanarVehicle:
+    """Goes from the start through given times.
+
+    Parameters
+    ----------
+    mission : Mission
+        For depth and tilt.
+    motion : PlanarMotion
+    start : Alignment
+        At the first of the times.
+    t : ndarray, shape (n,)
+        Mission times, s, rising.
+
+    Attributes
+    ----------
+    P_start : ndarray, shape (5, 5)
+        Covariance of the state at the start.
+    """
+
+    size = 5
+    pose = slice(0, 3)
+
+    def __init__(self, mission: Mission, motion: PlanarMotion, start: Alignment, t: Array) -> None:
+        self._increments, self._dt = motion.increments(t), np.diff(t)
+        self._depth, self._sigma_depth = _depths(mission, start, t)
+        tilt, self._sigma_tilt = tilt_at(mission, t)
+        self._R_level = rotation_from_rpy(np.column_stack([tilt, np.zeros(len(t))]))
+        constants = [motion.scale_sigma, motion.curvature_sigma]
+        self.P_start = np.diag([*start.sigma_p[:2], start.sigma_rpy[2], *constants]) ** 2
+        self._k = 0
+        self._x = np.array([*start.p_n[:2], start.rpy[2], 0.0, 0.0])
+        self._v_n = np.zeros(3)
+        self._body = self._whole()
+
+    def advance(self) -> tuple[Array, Array]:
+        """Go to the next time: the Jacobian A in the state, and the noise W Q W' that it adds."""
+        k = self._k
+        course, scale, curvature = self._x[2:].tolist()
+        c, s = math.cos(course), math.sin(course)
+        dx, dy = self._increments.displacement_b[k].tolist()
+        north, east = c * dx - s * dy, s * dx + c * dy
+        A = np.eye(5)
+        A[:2, 2] = -(1 + scale) * east, (1 + scale) * north
+        A[:2, 3] = north, east
+        A[2, 4] = dx
+        W = np.zeros((5, 3))
+        W[:3] = [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]
+        step = np.array([(1 + scale) * north, (1 + scale) * east, 0.0, 0.0, 0.0])
+        step[2] = self._increments.turn[k] + curvature * dx
+        self._v_n = np.array([step[0] / self._dt[k], step[1] / self._dt[k], 0.0])
+        self._k += 1
+        self.correct(step)
+        return A, (W * self._increments.variance[k]) @ W.T
+
+    def correct(self, error: Array) -> None:
+        """Add to the state."""
+        self._x = self._x + error
+        self._body = self._whole()
+
+    def _whole(self) -> BodyState:
+        n, e, course = self._x[:3].tolist()
+        c, s = math.cos(course), math.sin(course)
+        R_nb = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ self._R_level[self._k]
+        return BodyState(R_nb, np.array([n, e, self._depth[self._k]]), self._v_n)
+
+    @property
+    def body(self) -> BodyState:
+        """What the sensor models take."""
+        return self._body
+
+    @property
+    def body_jacobian(self) -> Array:
+        """Errors of `BodyState` in those of the state, shape (9, 5)."""
+        R_nb = self._body.R_nb
+        jacobian = np.zeros((9, 5))
+        jacobian[:3, 2] = R_nb[2]
+        jacobian[3:6, :2] = R_nb[:2].T
+        return jacobian
+
+    def pose_cov(self, P: Array) -> Array:
+        """Covariance (n, 6, 6) of position and rotation along the navigation axes at all times.
+
+        Depth, roll and pitch are as uncertain as their sensors.
+
+        Parameters
+        ----------
+        P : ndarray, shape (n, 5, 5)
+            Of the state.
+        """
+        cov = np.zeros((len(P), 6, 6))
+        planar = np.array([0, 1, 5])
+        cov[:, planar[:, None], planar] = P[:, :3, :3]
+        cov[:, 2, 2] = self._sigma_depth**2
+        cov[:, 3, 3] = cov[:, 4, 4] = self._sigma_tilt**2
+        return cov
+
+
+def _depths(mission: Mission, start: Alignment, t: Array) -> tuple[Array, Array]:
+    """Depth of the body's origin, and its sigma: the start's where nothing measures it."""
+    sensor = mission.first("depth")
+    if sensor is None:
+        return np.full(len(t), start.p_n[2]), np.full(len(t), start.sigma_p[2])
+    series = sensor.series
+    assert isinstance(series, DepthSeries)
+    below = start.R_nb[2] @ sensor.xyz_b
+    return np.interp(t, series.t, series.depth_m) - below, np.interp(t, series.t, series.sigma)

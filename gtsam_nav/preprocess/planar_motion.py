@@ -1,0 +1,212 @@
+"""Planar dead reckoning: displacement and turn between any two times, with their noise.
+
+Speeds come from a DVL or from odometry, turns from the compass, else the odometry's yaw rate, else
+the gyro. Nothing is smoothed: what it says of a time rests on what was measured until then.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gtsam_nav.errors import DataError
+from gtsam_nav.frames import Array
+from gtsam_nav.mission import ImuSeries, Mission, OdometrySeries
+from gtsam_nav.preprocess.settings import MotionSettings
+from gtsam_nav.sensors.dvl import body_velocities
+from gtsam_nav.sensors.noise import DvlNoise, HeadingNoise, ImuNoise, OdometryNoise
+from gtsam_nav.sensors.orientation import headings_true
+from gtsam_nav.sensors.rates import angular_rate_b
+
+
+@dataclass(frozen=True)
+class Increments:
+    """Motion over the k spans between given times.
+
+    Attributes
+    ----------
+    displacement_b : ndarray, shape (k, 2)
+        Forward and to starboard, in the axes of the span's start, m.
+    turn : ndarray, shape (k,)
+        Clockwise, rad.
+    variance : ndarray, shape (k, 3)
+        Of the three.
+    """
+
+    displacement_b: Array
+    turn: Array
+    variance: Array
+
+
+@dataclass(frozen=True)
+class PlanarMotion:
+    """Dead-reckoned motion at the readings' times.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+    p : ndarray, shape (n, 2)
+        Position in the axes of the first reading's course, m.
+    course : ndarray, shape (n,)
+        Unwrapped, rad.
+    variance : ndarray, shape (n, 3)
+        Sum of the variances of all steps so far: forward, to starboard, course.
+    course_is_heading : bool
+        Whether ``course`` is a compass's heading, or starts at zero.
+    scale_sigma : float
+        Spread of the constant error of the speeds, as a share of them.
+    curvature_sigma : float
+        Spread of the constant error of the turns, rad a metre.
+    """
+
+    t: Array
+    p: Array
+    course: Array
+    variance: Array
+    course_is_heading: bool
+    scale_sigma: float
+    curvature_sigma: float
+
+    def increments(self, t: Array) -> Increments:
+        """Motion between successive times of ``t``, shape (k + 1,), rising."""
+        p, course, variance = self.at(t)
+        c, s = np.cos(course[:-1]), np.sin(course[:-1])
+        north, east = np.diff(p, axis=0).T
+        return Increments(
+            np.column_stack([c * north + s * east, c * east - s * north]),
+            np.diff(course),
+            np.diff(variance, axis=0),
+        )
+
+    def at(self, t: Array) -> tuple[Array, Array, Array]:
+        """Position (k, 2), unwrapped course (k,) and summed variances (k, 3) at given times."""
+        p, variance = (
+            np.stack([np.interp(t, self.t, column) for column in columns.T], axis=1)
+            for columns in (self.p, self.variance)
+        )
+        return p, np.interp(t, self.t, self.course), variance
+
+
+@dataclass(frozen=True)
+class Speeds:
+    """Forward and starboard speeds (n, 2), m/s, their sigmas (n,), and their scale's."""
+
+    t: Array
+    v_b: Array
+    sigma: Array
+    scale_sigma: float
+
+
+def planar_motion(mission: Mission, settings: MotionSettings) -> PlanarMotion | None:
+    """Dead-reckon a mission in the plane; None where nothing measures its speed.
+
+    Each reading's error holds until the next: white noise of that step. Over a silence the speed
+    walks away as ``settings`` say.
+
+    Raises
+    ------
+    DataError
+        Where nothing measures the turns.
+    """
+    readings = _speeds(mission, settings)
+    if readings is None:
+        return None
+    start, stop = mission.span_s
+    t, v_b, sigma_v = _held_to(readings.t, readings.v_b, readings.sigma, start, stop)
+    course, course_variance, is_heading = _course(mission, t, settings)
+    c, s, dt = np.cos(course), np.sin(course), np.diff(t)
+    v = np.column_stack([c * v_b[:, 0] - s * v_b[:, 1], s * v_b[:, 0] + c * v_b[:, 1]])
+    steps = 0.5 * (v[1:] + v[:-1]) * dt[:, None]
+    walk = (sigma_v[:-1] * dt) ** 2 + settings.sigma_accel_m_s2**2 * dt**3 / 3
+    variance = np.column_stack([_summed(walk), _summed(walk), course_variance])
+    return PlanarMotion(
+        t,
+        _summed(steps),
+        course,
+        variance,
+        is_heading,
+        readings.scale_sigma,
+        0.0 if is_heading else _curvature_sigma(mission),
+    )
+
+
+def _summed(steps: Array) -> Array:
+    return np.concatenate([np.zeros_like(steps[:1]), np.cumsum(steps, axis=0)])
+
+
+def _held_to(
+    t: Array, v_b: Array, sigma: Array, start: float, stop: float
+) -> tuple[Array, Array, Array]:
+    """Readings whose first and last are held to the ends of a mission."""
+    first, last = [start] if start < t[0] else [], [stop] if stop > t[-1] else []
+    wide = ((len(first), len(last)), (0, 0))
+    return (
+        np.concatenate([first, t, last]),
+        np.pad(v_b, wide, mode="edge"),
+        np.pad(sigma, wide[0], mode="edge"),
+    )
+
+
+def _speeds(mission: Mission, settings: MotionSettings) -> Speeds | None:
+    """Of the first sensor that has them."""
+    for dvl in mission.of_type("dvl"):
+        omega_b = angular_rate_b(mission, dvl.series.t)
+        found = body_velocities(dvl, omega_b, settings.water_lock_after_s)
+        if len(found):
+            scale_sigma = DvlNoise.model_validate(dvl.noise).scale_sigma
+            return Speeds(found.t, found.v_b[:, :2], found.sigma, scale_sigma)
+    odometry = mission.first("odometry")
+    if odometry is None:
+        return None
+    series = odometry.series
+    assert isinstance(series, OdometrySeries)
+    scale_sigma = OdometryNoise.model_validate(odometry.noise).scale_sigma
+    return Speeds(series.t, series.v_b, series.sigma_v, scale_sigma)
+
+
+def _curvature_sigma(mission: Mission) -> float:
+    odometry = mission.first("odometry")
+    if odometry is None:
+        return 0.0
+    noise = OdometryNoise.model_validate(odometry.noise)
+    return float(np.radians(noise.curvature_sigma_deg_m))
+
+
+def _course(mission: Mission, t: Array, settings: MotionSettings) -> tuple[Array, Array, bool]:
+    """Unwrapped course, summed variance, and whether it is a heading.
+
+    A compass's error is a disturbance that comes and goes (`HeadingNoise`): as a random walk of the
+    same strength. Its white noise does not add up.
+    """
+    sensor, headings = mission.first("heading"), headings_true(mission)
+    if sensor is not None and headings is not None and len(headings) > 1:
+        noise = HeadingNoise.model_validate(sensor.noise)
+        density = 2 * np.radians(noise.disturbance_sigma_deg) ** 2 / noise.disturbance_time_s
+        course = np.interp(t, headings.t, np.unwrap(headings.heading))
+        return course, density * (t - t[0]), True
+    t_rate, rate, sigma = _yaw_rates(mission)
+    t_rate, rate, sigma = _held_to(t_rate, rate[:, None], sigma, t[0], t[-1])
+    dt = np.diff(t_rate)
+    turned = _summed(0.5 * (rate[1:, 0] + rate[:-1, 0]) * dt)
+    walk = (sigma[:-1] * dt) ** 2 + settings.sigma_yaw_accel_rad_s2**2 * dt**3 / 3
+    return np.interp(t, t_rate, turned), np.interp(t, t_rate, _summed(walk)), False
+
+
+def _yaw_rates(mission: Mission) -> tuple[Array, Array, Array]:
+    """Times, rates and sigmas of whatever measures the yaw rate."""
+    odometry, imu = mission.first("odometry"), mission.first("imu")
+    if odometry is not None:
+        assert isinstance(odometry.series, OdometrySeries)
+        return odometry.series.t, odometry.series.yaw_rate, odometry.series.sigma_yaw_rate
+    if imu is not None:
+        assert isinstance(imu.series, ImuSeries)
+        t = imu.series.t
+        rate = (imu.series.gyro_i @ imu.R_bs.T)[:, 2]
+        step_s = float(np.median(np.diff(t))) if len(t) > 1 else 1.0
+        white = ImuNoise.model_validate(imu.noise).gyro_noise_density_rad_s_sqrt_hz
+        return t, rate, np.full(len(t), white / np.sqrt(step_s))
+    raise DataError(
+        f"mission '{mission.name}': a DVL alone tells no turns; a compass, an IMU or odometry does."
+        f" The mission has: {', '.join(sorted(mission.sensors))}"
+    )

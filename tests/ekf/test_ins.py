@@ -1,0 +1,497 @@
+"""The inertial method on whole missions: what it reaches, and what it withstands."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+import gtsam_nav as gn
+from gtsam_nav.config import Config, load_config
+from gtsam_nav.ekf.aid import Aid
+from gtsam_nav.ekf.aiding import aids_of
+from gtsam_nav.ekf.inertial_start import inertial_start
+from gtsam_nav.ekf.ins_run import History, InsRun
+from gtsam_nav.ekf.strapdown import SIZE, InertialState, Strapdown
+from gtsam_nav.errors import DataError
+from gtsam_nav.frames import (
+    Array,
+    Origin,
+    earth_rate_n,
+    gravity_m_s2,
+    rotation_from_rpy,
+    wrap_angle,
+)
+from gtsam_nav.mission import (
+    Constraints,
+    DepthSeries,
+    GnssSeries,
+    HeadingSeries,
+    ImuSeries,
+    InitialState,
+    Mission,
+    OdometrySeries,
+    ReferenceSeries,
+    Rejection,
+    Sensor,
+)
+from gtsam_nav.preprocess.gnss_policy import split_fixes
+from gtsam_nav.sensors.prediction import Prediction
+from gtsam_nav.simulation import simulate
+from gtsam_nav.simulation.settings import SimulationSettings
+from gtsam_nav.solution import Solution, no_progress
+
+SHIFT_N = np.array([40.0, -30.0, 0.0])
+
+
+@cache
+def laps(seed: int = 5, duration_s: float = 130.0) -> Mission:
+    """A vessel with IMU, a slow compass and GNSS that rests for 20 s and then goes round."""
+    mission = simulate("laps", seed=seed, duration_s=duration_s)
+    compass = mission.sensors["heading"]
+    return mission.with_sensor(replace(compass, series=compass.series.select(slice(None, None, 6))))
+
+
+def estimate(mission: Mission, *overrides: str, faults: tuple[str, ...] = ()) -> Solution:
+    return gn.estimate(mission, "ins-ekf", load_config(None, list(overrides)), faults=faults)
+
+
+@cache
+def plain(seed: int = 5) -> Solution:
+    return estimate(laps(seed))
+
+
+def edited(mission: Mission, name: str, **columns: Any) -> Mission:
+    sensor = mission.sensors[name]
+    return mission.with_sensor(replace(sensor, series=replace(sensor.series, **columns)))
+
+
+def fixes_of(mission: Mission) -> GnssSeries:
+    series = mission.sensors["gnss"].series
+    assert isinstance(series, GnssSeries)
+    return series
+
+
+def truth_of(mission: Mission) -> ReferenceSeries:
+    assert mission.reference is not None
+    assert isinstance(mission.reference.series, ReferenceSeries)
+    return mission.reference.series
+
+
+def error_m(solution: Solution, mission: Mission, from_s: float = 0.0, to_s: float = 1e9) -> Array:
+    """Horizontal errors at the reference's times within a span."""
+    truth, trajectory = truth_of(mission), solution.trajectory
+    inside = trajectory.covers(truth.t) & (truth.t >= from_s) & (truth.t < to_s)
+    found = trajectory.interpolate(truth.t[inside])
+    return np.linalg.norm((found.p_n - truth.p_n[inside])[:, :2], axis=1)
+
+
+def yaw_error_deg(
+    solution: Solution, mission: Mission, from_s: float = 0.0, to_s: float = 1e9
+) -> Array:
+    truth, trajectory = truth_of(mission), solution.trajectory
+    inside = trajectory.covers(truth.t) & (truth.t >= from_s) & (truth.t < to_s)
+    assert truth.rpy is not None
+    found = trajectory.interpolate(truth.t[inside]).rpy[:, 2]
+    return np.degrees(wrap_angle(found - truth.rpy[inside, 2]))
+
+
+def rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def test_it_follows_two_laps_past_south() -> None:
+    solution = plain()
+    assert rms(error_m(solution, laps())) < 1.2  # a fix has 2 m on each axis
+    assert np.abs(yaw_error_deg(solution, laps())).max() < 1.0
+    assert np.abs(np.diff(solution.trajectory.rpy[:, 2])).max() > 6.0  # the heading wraps
+    assert solution.georeferenced
+    assert solution.gnss_used == len(fixes_of(laps()))
+    assert set(solution.innovations) == {"gnss", "gnss velocity", "heading"}
+    np.testing.assert_allclose(np.diff(solution.trajectory.t), 0.1)
+    assert solution.slow_states is not None
+    bias, sigma = solution.slow_states.columns["gyro_z_rad_s"]
+    assert abs(bias[-1]) < 0.02
+    assert sigma[-1] < sigma[0]
+
+
+def test_the_smoother_is_better_and_keeps_the_filter_as_its_causal_self() -> None:
+    smoothed = estimate(laps(), "ins_ekf.smooth=true")
+    assert smoothed.online is not None
+    np.testing.assert_array_equal(smoothed.online.p_n, plain().trajectory.p_n)
+    assert rms(error_m(smoothed, laps())) < 0.8 * rms(error_m(plain(), laps()))
+    assert smoothed.trajectory.sigma_p_n is not None
+    assert smoothed.online.sigma_p_n is not None
+    gain = smoothed.online.sigma_p_n / smoothed.trajectory.sigma_p_n
+    assert np.all(gain > 1 - 1e-6)
+    assert np.median(gain) > 1.2
+
+
+@pytest.mark.parametrize("fault", ["gnss:outliers=0.1", "gnss:outliers=0.1,burst=5"])
+def test_gross_outliers_are_rejected_and_recorded(fault: str) -> None:
+    solution = estimate(laps(), faults=(fault,))
+    clean = rms(error_m(plain(), laps()))
+    assert rms(error_m(solution, laps())) <= 1.15 * clean
+    rejected = [r for r in solution.rejections if r.sensor == "gnss"]
+    assert len(rejected) >= round(0.1 * len(fixes_of(laps())))
+    limit = np.sqrt(chi2.ppf(Config().gnss.position_gate_probability, 3))
+    for rejection in rejected:
+        if rejection.reason == "innovation gate":
+            assert rejection.normalised_residual is not None
+            assert rejection.normalised_residual > limit
+    trusting = estimate(laps(), "gnss.reject_outliers=false", faults=(fault,))
+    assert rms(error_m(trusting, laps())) >= 5 * clean
+
+
+def test_a_first_fix_that_is_an_outlier_does_not_mislead() -> None:
+    p_n = fixes_of(laps()).p_n.copy()
+    p_n[0] += SHIFT_N
+    solution = estimate(edited(laps(), "gnss", p_n=p_n))
+    assert error_m(solution, laps()).max() < 5.0
+    first = solution.rejections[0]
+    assert (first.sensor, first.index, first.reason) == ("gnss", 0, "first fix off the next")
+
+
+def test_a_filter_that_is_lost_finds_back() -> None:
+    """All fixes move for good, as after a fault of the filter: five are not believed, all are."""
+    fixes = fixes_of(laps())
+    p_n = fixes.p_n + np.where(fixes.t > 60.0, 1.0, 0.0)[:, None] * SHIFT_N
+    solution = estimate(edited(laps(), "gnss", p_n=p_n))
+    away = float(np.linalg.norm(SHIFT_N))
+    assert error_m(solution, laps(), 60.0, 70.0).max() < 10.0
+    back = error_m(solution, laps(), 80.0)
+    np.testing.assert_allclose(back, away, atol=5.0)
+    rejected = [r for r in solution.rejections if r.sensor == "gnss"]
+    assert 10 <= len(rejected) <= 15
+
+
+def test_a_silent_imu_of_a_second_is_bridged() -> None:
+    solution = estimate(laps(), faults=("imu:gap=80:81",))
+    assert error_m(solution, laps()).max() < 1.1 * error_m(plain(), laps()).max() + 0.2
+    assert solution.rejections == ()
+
+
+@pytest.mark.parametrize("compass", [True, False], ids=["compass", "no compass"])
+def test_a_silent_imu_of_a_minute_is_survived(compass: bool) -> None:
+    mission = laps() if compass else laps().without("heading")
+    alone = estimate(mission, faults=("imu:gap=50:110", "gnss:gap=50:110"))
+    sigma = alone.trajectory.sigma_p_n
+    assert sigma is not None
+    lost = error_m(alone, mission, 50.0, 110.0)
+    during = (alone.trajectory.t > 108.0) & (alone.trajectory.t < 109.9)
+    assert lost.max() > 20.0  # it goes straight on where the vessel turns
+    assert np.linalg.norm(sigma[during, :2], axis=1).min() > lost.max() / 4
+    assert error_m(alone, mission, 113.0).max() < 5.0
+    if not compass:
+        assert np.abs(yaw_error_deg(alone, mission, 122.0)).max() < 30.0
+
+
+def test_a_receiver_that_gives_velocities_alone_steers_it() -> None:
+    fixes = fixes_of(laps())
+    nowhere = np.full_like(fixes.sigma, 1e6)
+    mission = edited(laps(), "gnss", p_n=np.zeros_like(fixes.p_n), sigma=nowhere)
+    solution = estimate(mission)
+    assert solution.gnss_used == 0
+    assert not solution.georeferenced
+    assert "gnss velocity" in solution.innovations
+    truth = truth_of(laps())
+    way = solution.trajectory.interpolate([1.0, 125.0]).p_n
+    true_way = CubicSpline(truth.t, truth.p_n)([1.0, 125.0])
+    np.testing.assert_allclose(np.diff(way, axis=0), np.diff(true_way, axis=0), atol=10.0)
+
+
+def test_a_fix_whose_position_is_wrong_still_gives_its_velocity() -> None:
+    fixes = fixes_of(laps())
+    p_n = fixes.p_n.copy()
+    p_n[60] += SHIFT_N
+    solution = estimate(edited(laps(), "gnss", p_n=p_n))
+    assert [(r.sensor, r.index) for r in solution.rejections] == [("gnss", 60)]
+    assert fixes.t[60] in solution.innovations["gnss velocity"].t
+
+
+def test_without_a_compass_the_motion_shows_the_heading() -> None:
+    mission = laps().without("heading")
+    solution = estimate(mission)
+    assert rms(error_m(solution, mission)) < 1.5
+    assert np.abs(yaw_error_deg(solution, mission, 60.0)).max() < 25.0
+    sigma_rpy = solution.trajectory.sigma_rpy
+    assert sigma_rpy is not None
+    assert np.degrees(sigma_rpy[10, 2]) > 60.0  # any, at first
+    assert solution.georeferenced
+
+
+def test_readings_of_no_noise_do_no_harm() -> None:
+    t = np.arange(5.0, 100.0, 10.0)
+    exact = DepthSeries(t=t, depth_m=np.full(len(t), 0.1), sigma=np.zeros(len(t)))
+    gauges = [Sensor(name, "depth", exact) for name in ("one", "two")]
+    solution = estimate(laps().with_sensor(gauges[0]).with_sensor(gauges[1]))
+    assert rms(error_m(solution, laps())) < 1.5
+    depths = np.interp(t, solution.trajectory.t, solution.trajectory.p_n[:, 2])
+    assert np.median(np.abs(depths - 0.1)) < 1e-3
+
+
+def test_a_singular_innovation_is_left_out_and_said() -> None:
+    """A reading without noise of something that is known exactly."""
+    mission = laps().crop(0.0, 10.0)
+    imu = mission.sensors["imu"]
+    strapdown, start = Strapdown(imu, mission.origin), inertial_start(mission, imu)
+
+    def known(_k: int, _state: InertialState, _shared: Array) -> Prediction:
+        return Prediction(np.ones(2), np.zeros((2, 9)), np.zeros((2, 2)))
+
+    t = np.array([3.0, 4.0])
+    aid = Aid("oracle", "velocity", 2, t, np.array([7, 8]), known, None)
+    history = InsRun(strapdown, start, [aid], keep_all=False).run(t, no_progress)
+    assert history.rejections == [
+        Rejection(at, "oracle", row, "singular innovation covariance")
+        for at, row in ((3.0, 7), (4.0, 8))
+    ]
+    assert history.used == [[]]
+    assert np.all(np.isfinite(history.nodes[-1].state.p_n))
+
+
+def test_height_is_the_depth_gauges_where_there_is_one() -> None:
+    truth, t = truth_of(laps()), np.arange(0.5, 129.0, 0.5)
+    d = np.interp(t, truth.t, truth.p_n[:, 2])
+    gauge = Sensor("depth", "depth", DepthSeries(t=t, depth_m=d, sigma=np.full(len(t), 0.05)))
+    mission = laps().with_sensor(gauge)
+    solution = estimate(mission)
+    assert solution.innovations["gnss"].dof == 2
+    assert estimate(mission, "gnss.use_height=true").innovations["gnss"].dof == 3
+    found = solution.trajectory.interpolate(t[5:]).p_n[:, 2]
+    assert rms(found - d[5:]) < 0.1
+
+
+def test_odometry_stands_in_for_a_dvl() -> None:
+    truth, t = truth_of(laps()), np.arange(0.5, 129.0, 0.5)
+    assert truth.rpy is not None
+    R_nb = rotation_from_rpy(CubicSpline(truth.t, np.unwrap(truth.rpy, axis=0))(t))
+    v_b = np.einsum("nji,nj->ni", R_nb, CubicSpline(truth.t, truth.p_n)(t, 1))
+    one = np.ones(len(t))
+    wheels = OdometrySeries(
+        t=t, v_b=v_b[:, :2], yaw_rate=0 * t, sigma_v=0.05 * one, sigma_yaw_rate=one
+    )
+    mission = laps().without("gnss").with_sensor(Sensor("log", "odometry", wheels))
+    solution = estimate(mission)
+    assert solution.innovations["log"].dof == 3
+    assert not solution.georeferenced
+    found = solution.trajectory.interpolate(t[10:])
+    way = found.p_n - CubicSpline(truth.t, truth.p_n)(t[10:])
+    assert np.ptp(way[:, :2], axis=0).max() < 5.0
+
+
+def test_without_an_imu_the_error_names_what_there_is() -> None:
+    with pytest.raises(DataError, match=r"needs an IMU; the mission has: gnss, heading"):
+        estimate(laps().without("imu", "reference"))
+
+
+def test_an_imu_and_a_stated_start_are_pure_inertial_navigation() -> None:
+    mission = simulate("submarine", seed=1, duration_s=240.0).without("landmarks", "depth")
+    solution = estimate(mission)
+    assert set(solution.innovations) == {"zero velocity", "zero rate"}  # its start at rest
+    assert solution.georeferenced
+    truth = truth_of(mission)
+    found = solution.trajectory.interpolate(truth.t[:-1])
+    # the boat sinks slowly while it seems to rest, and nothing tells it so
+    error, sigma = np.abs(found.p_n - truth.p_n[:-1])[:, :2], found.sigma_p_n
+    assert sigma is not None
+    assert np.all(error < 4 * sigma[:, :2] + 0.5)
+    assert error[-1].max() < 100.0
+
+
+def standing(zero_velocity: bool, speed_m_s: float = 0.0) -> Mission:
+    """An IMU that feels no change for a minute, at rest or at a steady speed northward."""
+    t = np.arange(0.0, 60.0, 0.02)
+    rng = np.random.default_rng(0)
+    n = len(t)
+    gyro = np.array([0.004, -0.003, 0.005]) + 1e-3 * rng.normal(size=(n, 3))
+    force = np.array([0.05, 0.02, -9.80665]) + 0.01 * rng.normal(size=(n, 3))
+    noise = {"gyro_noise_density_rad_s_sqrt_hz": 2e-4, "accel_noise_density_m_s2_sqrt_hz": 2e-3}
+    t_fix = np.arange(0.0, 60.0, 1.0)
+    fixes = GnssSeries(
+        t=t_fix,
+        p_n=np.outer(t_fix, [speed_m_s, 0.0, 0.0]),
+        sigma=np.full((len(t_fix), 3), 2.0),
+    )
+    return Mission(
+        "standing",
+        {
+            "imu": Sensor("imu", "imu", ImuSeries(t=t, gyro_i=gyro, accel_i=force), noise=noise),
+            "gnss": Sensor("gnss", "gnss", fixes),
+        },
+        constraints=Constraints(zero_velocity=zero_velocity),
+        initial=InitialState(heading=0.0),
+    )
+
+
+def test_what_stands_still_learns_its_biases() -> None:
+    solution = estimate(standing(True), "gnss.use=all")
+    assert {"zero velocity", "zero rate"} <= set(solution.innovations)
+    assert solution.slow_states is not None
+    for axis, bias in zip("xyz", (0.004, -0.003, 0.005), strict=True):
+        values, sigma = solution.slow_states.columns[f"gyro_{axis}_rad_s"]
+        assert values[-1] == pytest.approx(bias, abs=1e-4)
+        assert sigma[-1] < 1e-4
+    assert np.abs(solution.trajectory.v_n).max(axis=1)[100:].max() < 0.02  # type: ignore[arg-type]
+
+
+def test_what_glides_quietly_is_not_held() -> None:
+    solution = estimate(standing(False, speed_m_s=2.0), "gnss.use=all")
+    assert "zero velocity" not in solution.innovations
+    assert solution.trajectory.v_n is not None
+    np.testing.assert_allclose(solution.trajectory.v_n[-1], [2.0, 0.0, 0.0], atol=0.3)
+    held = estimate(standing(False), "gnss.use=all", "motion.zero_velocity=true")
+    assert "zero velocity" in held.innovations
+
+
+def test_navigation_grade_gyros_find_north() -> None:
+    origin, rpy = Origin(45.0, 8.0), np.array([0.03, -0.05, 2.5])
+    t = np.arange(0.0, 120.0, 0.02)
+    rng = np.random.default_rng(3)
+    R_nb = rotation_from_rpy(rpy)
+    gyro = R_nb.T @ earth_rate_n(45.0) + 2e-6 * rng.normal(size=(len(t), 3))
+    force = R_nb.T @ [0, 0, -gravity_m_s2(45.0)] + 1e-3 * rng.normal(size=(len(t), 3))
+    noise = {
+        "gyro_noise_density_rad_s_sqrt_hz": 3e-7,
+        "gyro_bias_sigma_rad_s": 5e-8,
+        "gyro_bias_walk_rad_s2_sqrt_hz": 1e-11,
+        "accel_noise_density_m_s2_sqrt_hz": 2e-4,
+        "accel_bias_sigma_m_s2": 5e-4,
+        "accel_bias_walk_m_s3_sqrt_hz": 1e-7,
+    }
+    unit = Sensor("imu", "imu", ImuSeries(t=t, gyro_i=gyro, accel_i=force), noise=noise)
+    mission = Mission("quay", {"imu": unit}, origin, initial=InitialState(p_n=np.zeros(3)))
+    start = inertial_start(mission, unit)
+    assert start.gyrocompass
+    solution = estimate(mission)
+    assert solution.georeferenced
+    error = wrap_angle(solution.trajectory.rpy[-1] - rpy)
+    sigma = solution.trajectory.sigma_rpy
+    assert sigma is not None
+    assert np.degrees(sigma[-1, 2]) < 0.3
+    assert np.all(np.abs(error) < 4 * sigma[-1])
+
+
+@pytest.mark.slow
+@pytest.mark.realdata
+@pytest.mark.parametrize(
+    ("nonholonomic", "median_m", "worst_m"), [("false", 7.0, 25.0), ("true", 2.5, 15.0)]
+)
+def test_a_car_coasts_through_gaps_of_its_fixes(
+    recorded_data: Path, nonholonomic: str, median_m: float, worst_m: float
+) -> None:
+    mission = gn.open_mission(recorded_data / "rtk_mems_car")
+    gnss, fixes = mission.sensors["gnss"], fixes_of(mission)
+    starts = float(fixes.t[0]) + np.array([60, 115, 170, 225, 280, 340, 430, 490])
+    gaps = [[float(a), float(a) + 15.0] for a in starts]
+    solution = estimate(
+        mission,
+        "gnss.use=gaps",
+        f"gnss.gaps_s={gaps}",
+        f"motion.nonholonomic={nonholonomic}",
+        "ins_ekf.smooth=true",
+    )
+    assert solution.online is not None
+
+    def off_m(trajectory: Any, k: int) -> float:
+        antenna = trajectory.interpolate(fixes.t[k : k + 1]).at_lever_arm(gnss.xyz_b)
+        return float(np.linalg.norm((antenna.p_n[0] - fixes.p_n[k])[:2]))
+
+    ends = [int(np.searchsorted(fixes.t, b)) - 1 for _, b in gaps]
+    middles = [int(np.searchsorted(fixes.t, a + 7.5)) for a, _ in gaps]
+    causal = [off_m(solution.online, k) for k in ends]
+    assert np.median(causal) <= median_m
+    assert max(causal) <= worst_m
+    assert np.median([off_m(solution.trajectory, k) for k in middles]) <= 0.6
+
+
+def run_filter(mission: Mission, t: Array, config: Config) -> History:
+    blind, _, _ = split_fixes(mission, config.gnss)
+    imu = blind.sensors["imu"]
+    strapdown, start = Strapdown(imu, blind.origin), inertial_start(blind, imu)
+    aids, _ = aids_of(blind, strapdown, start, config)
+    return InsRun(strapdown, start, aids, keep_all=False).run(t, no_progress)
+
+
+def normalised_errors(mission: Mission, t: Array) -> dict[str, Array]:
+    """NEES of the filter at given times, on horizontal position and velocity, and on heading."""
+    truth = truth_of(mission)
+    assert truth.rpy is not None
+    track, turn = CubicSpline(truth.t, truth.p_n), np.unwrap(truth.rpy, axis=0)
+    R_true = rotation_from_rpy(CubicSpline(truth.t, turn)(t))
+    history = run_filter(mission, t, Config())
+    out: dict[str, list[float]] = {"position": [], "velocity": [], "heading": []}
+    for k, index in enumerate(history.recorded):
+        node = history.nodes[index]
+        R_nb = node.state.body.R_nb
+        rotation_b = Rotation.from_matrix(R_nb.T @ R_true[k]).as_rotvec()
+        pieces = {
+            "position": ((track(t[k]) - node.state.p_n)[:2], slice(3, 6), R_nb[:2]),
+            "velocity": ((track(t[k], 1) - node.state.v_n)[:2], slice(6, 9), R_nb[:2]),
+            "heading": (R_nb[2:] @ rotation_b, slice(0, 3), R_nb[2:]),
+        }
+        for name, (error, entries, axes) in pieces.items():
+            cov = axes @ node.P[:SIZE, :SIZE][entries, entries] @ axes.T
+            out[name].append(float(error @ np.linalg.solve(cov, error)))
+    return {name: np.array(values) for name, values in out.items()}
+
+
+def matched(name: str, seed: int, duration_s: float) -> Mission:
+    if name == "laps":
+        return simulate("laps", seed=seed, duration_s=duration_s)
+    settings = SimulationSettings.matched().model_copy(
+        update={"sonar": None, "landmarks": None, "odometry": None}
+    )
+    return simulate(name, seed=seed, duration_s=duration_s, settings=settings)
+
+
+DOF = {"position": 2, "velocity": 2, "heading": 1}
+
+
+def test_errors_are_as_large_as_they_are_said_to_be() -> None:
+    t = np.arange(30.0, 68.0, 1.0)
+    runs = [normalised_errors(matched("laps", seed, 70.0), t) for seed in range(3)]
+    for name, dof in DOF.items():
+        mean = np.mean([run[name] for run in runs]) / dof
+        assert 0.4 < mean < 2.0, name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["laps", "marina"])
+def test_fifty_missions_lie_inside_the_bounds(name: str) -> None:
+    n, duration_s = 50, 200.0
+    t = np.arange(30.0, duration_s - 2.0, 2.0)
+    runs = [normalised_errors(matched(name, seed, duration_s), t) for seed in range(n)]
+    for quantity, dof in DOF.items():
+        total = np.sum([run[quantity] for run in runs], axis=0)
+        low, high = chi2.ppf([0.025, 0.975], n * dof)
+        inside = np.mean((total >= low) & (total <= high))
+        assert inside >= 0.9, (quantity, inside)
+
+
+def test_the_innovations_are_as_large_as_they_are_said_to_be() -> None:
+    for name, innovations in plain().innovations.items():
+        mean = np.mean(innovations.nis) / innovations.dof
+        spread = np.sqrt(2.0 / (innovations.dof * len(innovations.nis)))
+        assert abs(mean - 1.0) < 5 * spread + 0.05, name
+
+
+def test_the_same_mission_gives_the_same_bytes() -> None:
+    one, other = (estimate(laps().crop(0.0, 40.0)) for _ in range(2))
+    np.testing.assert_array_equal(one.trajectory.p_n, other.trajectory.p_n)
+    np.testing.assert_array_equal(one.trajectory.cov_pose_n, other.trajectory.cov_pose_n)
+
+
+def test_a_compass_that_jumps_by_a_turn_is_no_outlier() -> None:
+    compass = laps().sensors["heading"].series
+    assert isinstance(compass, HeadingSeries)
+    turns = 2 * np.pi * np.random.default_rng(0).integers(-2, 3, len(compass.t))
+    solution = estimate(edited(laps(), "heading", heading=compass.heading + turns))
+    np.testing.assert_allclose(solution.trajectory.p_n, plain().trajectory.p_n, atol=1e-6)
