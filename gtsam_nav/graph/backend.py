@@ -9,11 +9,14 @@ import numpy as np
 
 from gtsam_nav.errors import EstimationError
 from gtsam_nav.frames import Array
-from gtsam_nav.graph.factors import X
-from gtsam_nav.graph.problem import Problem, SensorFactor
+from gtsam_nav.graph import factors
+from gtsam_nav.graph.factors import B, X
+from gtsam_nav.graph.problem import Problem, Reading, SensorFactor
 from gtsam_nav.graph.scan_matching import PlanarPose
 
 RELINEARIZE_THRESHOLD = 0.05
+ONLINE_CAUCHY_K = 2.385
+"""Of readings that may be outliers: while they come in, none is judged for good."""
 
 
 def planar_rows(R_nb: Array) -> Array:
@@ -41,34 +44,41 @@ class Backend:
     """
 
     def __init__(self, problem: Problem) -> None:
-        parameters = gtsam.ISAM2Params()
-        parameters.setRelinearizeThreshold(RELINEARIZE_THRESHOLD)
-        parameters.relinearizeSkip = 1
         self.problem = problem
         self.entries: list[SensorFactor] = []
-        self._isam = gtsam.ISAM2(parameters)
+        # a first sighting ties a landmark to the vehicle alone
+        self._isam = _isam2(problem.is_stiff or bool(problem.landmarks))
         self._new_factors = gtsam.NonlinearFactorGraph()
         self._new_values = gtsam.Values()
         self._last_state: Any = None
+        self._last_bias: Any = problem.bias
 
     def add_keyframe(self, k: int) -> None:
-        """Queue keyframe k, predicted from the one before by the vehicle's own motion."""
+        """Queue keyframe k, predicted from the one before, with all that it brings."""
         if k == 0:
             state = self.problem.initial_state(0)
         else:
-            R_ab, p_a = self.problem.increment(k - 1, k)
-            before = self._last_state
-            R_nb = before.attitude().matrix() @ R_ab
-            p_n = before.position() + before.attitude().matrix() @ p_a
-            own = self.problem.initial_state(k)
-            v_b = own.attitude().matrix().T @ own.velocity()
-            state = gtsam.NavState(gtsam.Rot3(R_nb), p_n, R_nb @ v_b)
+            self.problem.set_gravity(k, self._last_state)
+            state = self.problem.predicted(k, self._last_state, self._last_bias)
         self._new_values.insert(X(k), state)
         self._last_state = state
-        for key, value in self.problem.new_values(k):
-            self._new_values.insert(key, value)
+        for key, first in self.problem.variables[k]:
+            self._new_values.insert(key, first(self._state_at))
         for entry in self.problem.factors[k]:
             self.add_factor(entry)
+        for reading in self.problem.readings[k]:
+            self._new_factors.add(self._online_factor(reading))
+
+    def _online_factor(self, reading: Reading) -> Any:
+        factor = reading.make(self._state_at)
+        if reading.gate_probability is None:
+            return factors.robust(factor, factors.huber_kernel(reading.huber_k))
+        return factors.robust(factor, factors.cauchy_kernel(ONLINE_CAUCHY_K))
+
+    def _state_at(self, key: int) -> Any:
+        if self._new_values.exists(key):
+            return self._new_values.atNavState(key)
+        return self._isam.calculateEstimateNavState(key)
 
     def add_factor(self, entry: SensorFactor) -> None:
         """Queue one factor."""
@@ -87,6 +97,8 @@ class Backend:
     def state(self, k: int) -> Any:
         """Current estimate of keyframe k, from which the next one is predicted."""
         self._last_state = self._isam.calculateEstimateNavState(X(k))
+        if self.problem.uses_imu:
+            self._last_bias = self._isam.calculateEstimateConstantBias(B(k))
         return self._last_state
 
     def peek(self, k: int) -> Any:
@@ -111,7 +123,7 @@ class Backend:
         return self._isam.calculateEstimate()
 
     def graph(self, without: str | None = None) -> Any:
-        """All factors so far, or all but those of one sensor."""
+        """All factors so far but the readings', or all but those of one sensor."""
         graph = gtsam.NonlinearFactorGraph()
         for entry in self.entries:
             if entry.sensor != without:
@@ -119,18 +131,64 @@ class Backend:
         return graph
 
 
-def solve_batch(graph: Any, values: Any) -> Any:
+def _isam2(is_stiff: bool) -> Any:
+    parameters = gtsam.ISAM2Params()
+    parameters.setRelinearizeThreshold(RELINEARIZE_THRESHOLD)
+    parameters.relinearizeSkip = 1
+    if is_stiff:
+        parameters.setFactorization("QR")
+    return gtsam.ISAM2(parameters)
+
+
+def solve_batch(graph: Any, values: Any, is_stiff: bool = False) -> Any:
     """Levenberg-Marquardt to convergence.
+
+    Parameters
+    ----------
+    is_stiff : bool
+        Solve by QR at once; else only where Cholesky gives up.
 
     Raises
     ------
     EstimationError
         Where the system is indeterminate or the result is not finite.
     """
+    parameters = gtsam.LevenbergMarquardtParams()
+    if is_stiff:
+        parameters.setLinearSolverType("MULTIFRONTAL_QR")
     try:
-        result = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
+        result = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
     except RuntimeError as error:
+        if not is_stiff:
+            return solve_batch(graph, values, is_stiff=True)
         raise EstimationError(f"the batch solve failed: {str(error).strip()[:200]}") from error
     if not np.isfinite(graph.error(result)):
         raise EstimationError("the batch solve diverged")
     return result
+
+
+def marginals_of(graph: Any, values: Any, is_stiff: bool = False) -> Any:
+    """What gives ``marginalCovariance(key)`` and ``jointMarginalCovariance(keys)``.
+
+    Parameters
+    ----------
+    is_stiff : bool
+        As for `solve_batch`.
+
+    Raises
+    ------
+    EstimationError
+        Where the graph does not determine its variables.
+    """
+    try:
+        if is_stiff:
+            isam = _isam2(is_stiff)
+            isam.update(graph, values)
+            return isam
+        marginals = gtsam.Marginals(graph, values)
+        marginals.marginalCovariance(X(0))  # only then it factorises
+        return marginals
+    except RuntimeError as error:
+        if not is_stiff:
+            return marginals_of(graph, values, is_stiff=True)
+        raise EstimationError(f"no covariance: {str(error).strip()[:200]}") from error

@@ -2,48 +2,55 @@
 
 from __future__ import annotations
 
-import logging
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from gtsam_nav.config import Config
 from gtsam_nav.frames import Array
-from gtsam_nav.graph.backend import solve_batch
-from gtsam_nav.graph.factors import B, M, X
-from gtsam_nav.graph.keyframes import keyframe_times, thin_scans
+from gtsam_nav.graph.dense import dense_trajectory
+from gtsam_nav.graph.factors import B, X
+from gtsam_nav.graph.keyframes import keyframe_times, merged_anchors
+from gtsam_nav.graph.measurements import build_problem
+from gtsam_nav.graph.measurements.constraints import rolls
+from gtsam_nav.graph.measurements.gnss import POSITION_OUTLIER
+from gtsam_nav.graph.measurements.imu import preintegrable, silences
 from gtsam_nav.graph.online import SCAN_MATCH, run_online
 from gtsam_nav.graph.output import (
-    dense_trajectory,
     keyframe_trajectory,
+    landmark_estimates,
     loop_closures,
     pose_graph,
     slow_states,
     smoothed_covariances,
 )
-from gtsam_nav.graph.problem import Problem, build_problem
+from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.refinement import JointRefinement, Refined, refine_without_sonar
-from gtsam_nav.mission import Mission, Rejection, Sensor
+from gtsam_nav.graph.settling import settle
+from gtsam_nav.mission import ImuSeries, Mission
 from gtsam_nav.preprocess.alignment import Alignment, align
-from gtsam_nav.preprocess.motion import VehicleMotion, turn_onto_fixes, vehicle_motion
-from gtsam_nav.solution import Progress, Solution, SonarMap, StageClock
-from gtsam_nav.sonar.defects import WHOLE_SENSOR, sonar_defect
-from gtsam_nav.sonar.echoes import Echoes, echoes_of_scans, segment
+from gtsam_nav.preprocess.inertial_motion import inertial_motion
+from gtsam_nav.preprocess.motion import (
+    VehicleMotion,
+    measures_velocity,
+    offset_from_fixes,
+    turn_onto_fixes,
+    vehicle_motion,
+)
+from gtsam_nav.solution import Progress, Solution, StageClock
+from gtsam_nav.sonar.echoes import Echoes
 from gtsam_nav.sonar.motion import PlanarMotion
-from gtsam_nav.sonar.scans import Scan, Turns, find_turns, form_scans
-from gtsam_nav.trajectory import Trajectory
+from gtsam_nav.sonar.preparation import (
+    SonarData,
+    deskewed,
+    leave_out_defective_sonar,
+    sonar_map,
+    sonar_turns,
+)
 
-log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class SonarData:
-    """Echoes of a mission, cut into scans and deskewed by the vehicle's own motion."""
-
-    echoes: Echoes
-    turns: Turns
-    scans: list[Scan]
+ROLLING_INTERVAL_S = 0.25
+"""Longest time between keyframes of a vehicle on wheels: each is held to its course."""
 
 
 def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
@@ -66,27 +73,29 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     clock = StageClock()
     with clock.stage("motion"):
         start, motion = _start_and_motion(mission, config)
-    mission, echoes, rejections, warnings = _leave_out_defective_sonar(mission, config)
+    mission, echoes, rejections, warnings = leave_out_defective_sonar(mission, config.sonar)
     with clock.stage("sonar"):
         sonar = _sonar_data(mission, echoes, motion, config)
     t_scans = sonar.turns.t_ref if sonar else np.empty(0)
-    t = keyframe_times(*mission.span_s, t_scans, config.graph.keyframe_interval_s)
+    t = _keyframe_times(mission, t_scans, config)
     scan_keyframe = np.searchsorted(t, t_scans)
     with clock.stage("factors"):
         problem = build_problem(mission, start, motion, t, config)
     with clock.stage("isam2"):
         online = run_online(problem, sonar.scans if sonar else [], scan_keyframe, config, progress)
     with clock.stage("batch"):
-        values = solve_batch(online.backend.graph(), online.backend.values())
+        settled = settle(problem, online.backend.graph(), online.backend.values())
     with clock.stage("refinement"):
         if sonar is not None and config.graph.refinement.max_iterations:
             graph = online.backend.graph(without=SCAN_MATCH)
+            graph.push_back(settled.factors)
             joint = JointRefinement(sonar.echoes, sonar.turns, problem, config.graph.refinement)
-            refined = joint.run(graph, values, progress)
+            refined = joint.run(graph, settled.values, progress)
         else:
             graph = online.backend.graph()
-            refined = refine_without_sonar(graph, values, problem)
-    if not refined.converged:
+            graph.push_back(settled.factors)
+            refined = refine_without_sonar(graph, settled.values, problem)
+    if not (refined.converged and settled.settled):
         warnings = (*warnings, "the refinement stopped before it settled")
     values = refined.values
     loops = loop_closures(
@@ -96,7 +105,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         covariances = _covariances(problem, graph, refined)
     states = [values.atNavState(X(k)) for k in range(len(t))]
     keyframes = keyframe_trajectory(t, states, [covariances[X(k)] for k in range(len(t))])
-    trajectory = dense_trajectory(problem, keyframes)
+    trajectory = dense_trajectory(problem, values, keyframes)
     return Solution(
         method="graph",
         trajectory=trajectory,
@@ -104,99 +113,79 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         georeferenced=start.georeferenced,
         online=keyframe_trajectory(t, online.states, online.covariances),
         loops=loops,
-        rejections=(*mission.rejections, *motion.rejections, *rejections),
-        warnings=(*mission.warnings, *warnings),
+        rejections=(
+            *mission.rejections,
+            *motion.rejections,
+            *rejections,
+            *problem.rejections,
+            *settled.rejections,
+        ),
+        warnings=(*mission.warnings, *problem.warnings, *warnings),
         slow_states=slow_states(problem, values, covariances),
         pose_graph=pose_graph(problem, keyframes, online.matches, scan_keyframe),
-        sonar_map=_sonar_map(sonar, trajectory) if sonar else None,
-        gnss_used=problem.n_fixes,
+        sonar_map=sonar_map(sonar.echoes, trajectory) if sonar else None,
+        landmarks=landmark_estimates(problem, values, covariances, set(settled.factors.keys())),
+        gnss_used=len({(r.sensor, r.index) for r in settled.used if r.reason == POSITION_OUTLIER}),
         n_keyframes=len(t),
         stage_s=clock.seconds,
     )
 
 
 def _start_and_motion(mission: Mission, config: Config) -> tuple[Alignment, VehicleMotion]:
-    """Alignment and motion; without a compass the fixes turn both the right way."""
+    """Alignment and motion, drawn onto the fixes; without a compass these turn it too."""
     start = align(mission)
+    if not measures_velocity(mission):
+        return start, inertial_motion(mission, start, config.motion)
     motion = vehicle_motion(mission, start, config.motion)
-    if start.heading_known or not start.georeferenced:
-        return start, motion
-    turn = turn_onto_fixes(mission, motion)
-    if turn is None:
-        return replace(start, georeferenced=False), motion
-    start = replace(start, rpy=start.rpy + np.array([0.0, 0.0, turn]), heading_known=True)
-    return start, vehicle_motion(mission, start, config.motion)
+    if start.georeferenced and not start.heading_known:
+        turn = turn_onto_fixes(mission, motion)
+        if turn is None:
+            return replace(start, georeferenced=False), motion
+        start = replace(start, rpy=start.rpy + np.array([0.0, 0.0, turn]), heading_known=True)
+        motion = vehicle_motion(mission, start, config.motion)
+    if mission.initial.p_n is None:
+        offset = offset_from_fixes(mission, motion)
+        start = replace(start, p_n=start.p_n + offset)
+        motion = replace(motion, p_n=motion.p_n + offset)
+    return start, motion
 
 
-def _leave_out_defective_sonar(
-    mission: Mission, config: Config
-) -> tuple[Mission, Echoes | None, tuple[Rejection, ...], tuple[str, ...]]:
-    """The mission with the one sonar to be used, and its echoes; why others are not is recorded."""
-    rejections: list[Rejection] = []
-    used: str | None = None
-    echoes: Echoes | None = None
-    for sonar in [*mission.of_type("beams"), *mission.of_type("scans")]:
-        if not config.sonar.use:
-            defect = "switched off by sonar.use"
-        elif used is not None:
-            defect = f"the sonar '{used}' is used"
-        else:
-            defect = sonar_defect(sonar)
-            if not defect:
-                found = _echoes(sonar, config)
-                defect = "" if len(found) else "no echo stands out of its noise"
-        if not defect:
-            used, echoes = sonar.name, found
-            continue
-        log.warning("sonar '%s' is not used: %s", sonar.name, defect)
-        rejections.append(Rejection(float(sonar.series.t[0]), sonar.name, WHOLE_SENSOR, defect))
-        mission = mission.without(sonar.name)
-    warnings = tuple(f"sonar '{r.sensor}' is not used: {r.reason}" for r in rejections)
-    return mission, echoes, tuple(rejections), warnings
-
-
-def _echoes(sonar: Sensor, config: Config) -> Echoes:
-    if sonar.type == "beams":
-        return segment(sonar, config.sonar.segmentation)
-    return echoes_of_scans(sonar)
+def _keyframe_times(mission: Mission, t_scans: Array, config: Config) -> Array:
+    """Keyframes at scans and sightings; where the IMU carries all, at fixes and silences too."""
+    anchors = [t_scans, *(sensor.series.t for sensor in mission.of_type("landmarks"))]
+    interval_s = config.graph.keyframe_interval_s
+    imu = preintegrable(mission, config.graph.imu_min_rate_hz)
+    if imu is not None and not measures_velocity(mission):
+        assert isinstance(imu.series, ImuSeries)
+        anchors += [silences(imu.series, *mission.span_s).ravel()]
+        anchors += [sensor.series.t for sensor in mission.of_type("gnss")]
+        if rolls(mission, config):
+            interval_s = min(interval_s, ROLLING_INTERVAL_S)
+    merged = merged_anchors(anchors, config.graph.anchor_spacing_s)
+    return keyframe_times(*mission.span_s, merged, interval_s)
 
 
 def _sonar_data(
     mission: Mission, echoes: Echoes | None, motion: VehicleMotion, config: Config
 ) -> SonarData | None:
     """Echoes, turns and scans; None without a sonar or without a single scan."""
-    sonar = mission.first("beams") or mission.first("scans")
-    if sonar is None or echoes is None:
+    turns = sonar_turns(mission, config.sonar)
+    if echoes is None or turns is None:
         return None
-    turns = find_turns(sonar, config.sonar.scans.max_gap_s)
-    kept = thin_scans(turns.t_ref, config.graph.scan_interval_s)
-    turns = Turns(turns.first[kept], turns.last[kept], turns.t_ref[kept])
-    if len(turns) == 0:
-        return None
-    echoes = echoes.select(turns.hold(echoes.beam))
     planar = PlanarMotion.of(
         motion.trajectory, motion.position_variance_m2_s, motion.yaw_variance_rad2_s
     )
-    return SonarData(echoes, turns, form_scans(echoes, turns, planar))
+    return deskewed(echoes, turns, planar)
 
 
 def _covariances(problem: Problem, graph: Any, refined: Refined) -> dict[int, Array]:
-    """Marginal covariances of keyframes, compass frames and IMU biases, by key."""
+    """Marginal covariances of keyframes, compass frames, IMU biases and landmarks, by key."""
     index = range(len(problem.t))
     keys = [X(k) for k in index]
-    keys += [M(k) for k in index] if problem.has_compass else []
+    keys += dict.fromkeys(problem.compass)
     keys += [B(k) for k in index] if problem.uses_imu else []
-    covariances = smoothed_covariances(graph, keys, refined.posterior, refined.planar_information)
+    keys += problem.landmarks.values()
+    covariances = smoothed_covariances(
+        graph, keys, refined.posterior, refined.planar_information, problem.is_stiff
+    )
     return dict(zip(keys, covariances, strict=True))
-
-
-def _sonar_map(sonar: SonarData, trajectory: Trajectory) -> SonarMap:
-    """All echoes of the used scans where the trajectory puts them."""
-    echoes = sonar.echoes
-    inside = (echoes.t >= trajectory.t[0]) & (echoes.t <= trajectory.t[-1])
-    p_n = np.stack([np.interp(echoes.t[inside], trajectory.t, c) for c in trajectory.p_n.T], axis=1)
-    yaw = np.interp(echoes.t[inside], trajectory.t, np.unwrap(trajectory.rpy[:, 2]))
-    x, y = echoes.xy_b[inside].T
-    p_n[:, 0] += np.cos(yaw) * x - np.sin(yaw) * y
-    p_n[:, 1] += np.sin(yaw) * x + np.cos(yaw) * y
-    return SonarMap(p_n, echoes.t[inside], echoes.strength[inside])

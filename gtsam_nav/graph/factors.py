@@ -11,17 +11,18 @@ from typing import Any
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import B, G, M, X
+from gtsam.symbol_shorthand import B, G, L, M, X
 
-from gtsam_nav.frames import Array, Origin, earth_rate_n, gravity_m_s2, rotation_from_rpy
-from gtsam_nav.mission import ImuSeries, Sensor
+from gtsam_nav.frames import Array, Origin, earth_rate_n, rotation_from_rpy
+from gtsam_nav.mission import Sensor
+from gtsam_nav.preprocess.strapdown import gravity_at
 from gtsam_nav.sensors.noise import ImuNoise
 
-STANDARD_GRAVITY_M_S2 = 9.80665
 PIN_PRECISION = 1e8
-"""Precision that holds the meaningless components of a compass or GNSS-error frame."""
+"""Precision that holds the meaningless components of a compass, GNSS-error or landmark frame."""
 
-__all__ = ["B", "G", "M", "X"]  # symbols of IMU bias, GNSS error, compass frame and keyframe
+# symbols of IMU bias, GNSS error, landmark, compass frame and keyframe
+__all__ = ["B", "G", "L", "M", "X"]
 
 
 def precisions(values: Any) -> Any:
@@ -29,14 +30,31 @@ def precisions(values: Any) -> Any:
     return gtsam.noiseModel.Diagonal.Precisions(np.asarray(values, dtype=float))
 
 
+def huber_kernel(k: float) -> Any:
+    """Huber's m-estimator."""
+    return gtsam.noiseModel.mEstimator.Huber.Create(k)
+
+
+def cauchy_kernel(k: float) -> Any:
+    """Cauchy's m-estimator."""
+    return gtsam.noiseModel.mEstimator.Cauchy.Create(k)
+
+
 def huber(k: float, noise: Any) -> Any:
     """The noise under a Huber kernel."""
-    return gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Huber.Create(k), noise)
+    return gtsam.noiseModel.Robust.Create(huber_kernel(k), noise)
 
 
 def cauchy(k: float, noise: Any) -> Any:
     """The noise under a Cauchy kernel."""
-    return gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Cauchy.Create(k), noise)
+    return gtsam.noiseModel.Robust.Create(cauchy_kernel(k), noise)
+
+
+def robust(factor: Any, kernel: Any) -> Any:
+    """The factor under an m-estimator."""
+    return factor.cloneWithNewNoiseModel(
+        gtsam.noiseModel.Robust.Create(kernel, factor.noiseModel())
+    )
 
 
 def nav_state(R_nb: Array, p_n: Array, v_n: Array) -> Any:
@@ -44,20 +62,39 @@ def nav_state(R_nb: Array, p_n: Array, v_n: Array) -> Any:
     return gtsam.NavState(gtsam.Rot3(R_nb), p_n, v_n)
 
 
-def start_prior(key: int, state: Any, R_nb: Array, sigma_rpy: Array, sigma_p: Array) -> Any:
-    """Prior on attitude, position (its covariance along n) and a vague velocity."""
+def start_prior(
+    key: int, state: Any, R_nb: Array, sigma_rpy: Array, sigma_p: Array, sigma_v: float
+) -> Any:
+    """Prior on attitude, position (its covariance along n) and velocity."""
     cov = np.zeros((9, 9))
     cov[:3, :3] = np.diag(sigma_rpy**2)
     cov[3:6, 3:6] = R_nb.T @ np.diag(sigma_p**2) @ R_nb
-    cov[6:, 6:] = np.eye(3)
+    cov[6:, 6:] = sigma_v**2 * np.eye(3)
     return gtsam.PriorFactorNavState(key, state, gtsam.noiseModel.Gaussian.Covariance(cov))
 
 
-def velocity(key: int, v_b: Array, sigma: float, huber_k: float) -> Any:
-    """Body velocity: ``R_nb' v_n - v_b``."""
-    noise = precisions([0] * 6 + [1 / sigma**2] * 3)
+def velocity(key: int, v_b: Array, sigma: Any, huber_k: float) -> Any:
+    """Body velocity: ``R_nb' v_n - v_b``; an infinite sigma is unobserved."""
+    noise = precisions([*[0] * 6, *(np.ones(3) / np.square(sigma))])
     measured = np.r_[np.zeros(6), v_b]
     return gtsam.ExtendedPriorFactorNavState(key, gtsam.NavState(), measured, huber(huber_k, noise))
+
+
+def nonholonomic(key: int, sigma: float, huber_k: float) -> Any:
+    """Neither sideways nor up: the last two components of ``R_nb' v_n``."""
+    return velocity(key, np.zeros(3), np.array([np.inf, sigma, sigma]), huber_k)
+
+
+def no_turn(a: int, b: int, sigma: float) -> Any:
+    """The same attitude at both keyframes."""
+    noise = precisions([1 / sigma**2] * 3 + [0] * 6)
+    return gtsam.BetweenFactorNavState(a, b, gtsam.NavState(), noise)
+
+
+def no_gain(a: int, b: int, sigma: Array) -> Any:
+    """The same velocity at both keyframes; sigma is along the axes of the first one's body."""
+    noise = precisions([*[0] * 6, *(1 / np.asarray(sigma) ** 2)])
+    return gtsam.BetweenFactorNavState(a, b, gtsam.NavState(), noise)
 
 
 def increment(
@@ -81,17 +118,29 @@ def depth(key: int, depth_m: float, lever_b: Array, sigma: float, huber_k: float
     return gtsam.GPSFactor2Arm(key, np.array([0.0, 0.0, depth_m]), lever_b, noise)
 
 
-def gnss(key: int, p_n: Array, lever_b: Array, sigma: Array, huber_k: float) -> Any:
+def gnss(key: int, p_n: Array, lever_b: Array, sigma: Array) -> Any:
     """Antenna position: ``p_n + R_nb lever_b - measured``; an infinite sigma is unobserved."""
-    noise = huber(huber_k, precisions(1 / np.asarray(sigma) ** 2))
-    return gtsam.GPSFactor2Arm(key, p_n, lever_b, noise)
+    return gtsam.GPSFactor2Arm(key, p_n, lever_b, precisions(1 / np.asarray(sigma) ** 2))
 
 
-def gnss_with_error(error: int, key: int, p_n: Array, sigma: Array, huber_k: float) -> Any:
+def gnss_with_error(error: int, key: int, p_n: Array, sigma: Array) -> Any:
     """Body position by GNSS with a shared error: ``p_n - error_n - measured``."""
-    noise = huber(huber_k, precisions([0, 0, 0, *(1 / np.asarray(sigma) ** 2), 0, 0, 0]))
+    noise = precisions([0, 0, 0, *(1 / np.asarray(sigma) ** 2), 0, 0, 0])
     measured = nav_state(np.eye(3), p_n, np.zeros(3))
     return gtsam.BetweenFactorNavState(error, key, measured, noise)
+
+
+def gnss_velocity(key: int, v_n: Array, turning_b: Array, R_nb: Array, sigma: Array) -> Any:
+    """Antenna velocity: ``R_nb' (v_n - measured) + omega x lever``, body axes.
+
+    ``turning_b`` is the last term; ``R_nb`` turns the weights of n, e, d (an infinite sigma is
+    unobserved) into these axes.
+    """
+    root = np.zeros((9, 9))
+    root[6:, 6:] = R_nb / np.asarray(sigma)[:, None]
+    noise = gtsam.noiseModel.Gaussian.SqrtInformation(root, False)
+    measured = nav_state(np.eye(3), np.zeros(3), v_n)
+    return gtsam.ExtendedPriorFactorNavState(key, measured, np.r_[np.zeros(6), -turning_b], noise)
 
 
 def gnss_error_prior(key: int, precision: float) -> Any:
@@ -106,11 +155,64 @@ def gnss_error_link(a: int, b: int, precision: float) -> Any:
     return gtsam.BetweenFactorNavState(a, b, gtsam.NavState(), noise)
 
 
-def orientation(compass: int, key: int, R_measured: Array, sigma_rpy: Array, huber_k: float) -> Any:
-    """AHRS: ``Log(R_measured' Rz(bias)' R_nb)``, the bias being the yaw of a compass frame."""
-    noise = huber(huber_k, precisions([*(1 / np.asarray(sigma_rpy) ** 2), *[0] * 6]))
+def _against_compass(compass: int | None, key: int, R_measured: Array, noise: Any) -> Any:
+    """``Log(R_measured' Rz(bias)' R_nb)``, the bias being the yaw of a compass frame, if any."""
     measured = nav_state(R_measured, np.zeros(3), np.zeros(3))
+    if compass is None:
+        return gtsam.PriorFactorNavState(key, measured, noise)
     return gtsam.BetweenFactorNavState(compass, key, measured, noise)
+
+
+def orientation(
+    compass: int | None, key: int, R_measured: Array, sigma_rpy: Array, huber_k: float
+) -> Any:
+    """AHRS: the whole orientation against the measured one and the compass's bias."""
+    noise = huber(huber_k, precisions([*(1 / np.asarray(sigma_rpy) ** 2), *[0] * 6]))
+    return _against_compass(compass, key, R_measured, noise)
+
+
+def heading(compass: int | None, key: int, heading_rad: float, R_nb: Array, sigma: float) -> Any:
+    """Heading alone: yaw less bias and reading, where roll and pitch are those of ``R_nb``."""
+    turn = heading_rad - np.arctan2(R_nb[1, 0], R_nb[0, 0])
+    c, s = np.cos(turn), np.sin(turn)
+    R_measured = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ R_nb
+    root = np.zeros((9, 9))
+    # how yaw follows from small turns of the body
+    root[0, 1:3] = R_nb[2, 1:] / (R_nb[2, 1:] @ R_nb[2, 1:] * sigma)
+    noise = gtsam.noiseModel.Gaussian.SqrtInformation(root, False)
+    return _against_compass(compass, key, R_measured, noise)
+
+
+def sighting(
+    key: int, landmark: int, offset_b: Array, by_offset: Array, residual: Array, cov: Array
+) -> Any:
+    """A sighting, linear about the landmark's present offset ``R_nb' (l_n - p_n)`` from the body.
+
+    The native residual is that offset less a measured one: here the one at which the linearised
+    sighting would agree, weighed along range and bearing. Made anew at each estimate, it is the
+    sighting's own least squares once that no longer moves.
+
+    Parameters
+    ----------
+    offset_b : ndarray, shape (3,)
+    by_offset : ndarray, shape (m, 3)
+        Jacobian of the sighting's residual (m,) in the offset.
+    residual, cov : ndarray, shapes (m,) and (m, m)
+        Of the sighting at that offset.
+    """
+    measured_b = offset_b - np.linalg.pinv(by_offset) @ residual
+    root = np.zeros((9, 9))
+    root[: len(residual), 3:6] = np.linalg.cholesky(np.linalg.inv(cov)).T @ by_offset
+    noise = gtsam.noiseModel.Gaussian.SqrtInformation(root, False)
+    measured = nav_state(np.eye(3), measured_b, np.zeros(3))
+    return gtsam.BetweenFactorNavState(key, landmark, measured, noise)
+
+
+def landmark_prior(key: int, p_n: Array, sigma: Array) -> Any:
+    """Where a landmark is known to be: a frame of which only the position means anything."""
+    pins = [PIN_PRECISION] * 3
+    noise = precisions([*pins, *(1 / np.asarray(sigma) ** 2), *pins])
+    return gtsam.PriorFactorNavState(key, nav_state(np.eye(3), p_n, np.zeros(3)), noise)
 
 
 def tilt(key: int, rpy: Array, sigma: float, huber_k: float) -> Any:
@@ -153,15 +255,13 @@ def planar_match(a: int, b: int, q: Array, cov: Array, cauchy_k: float) -> Any:
     return gtsam.BetweenFactorNavState(a, b, measured, cauchy(cauchy_k, noise))
 
 
-def imu_parameters(imu: Sensor, origin: Origin | None) -> Any:
-    """Preintegration parameters: mounting, noise, gravity; Earth rate where the place is known."""
+def imu_parameters(imu: Sensor, origin: Origin | None, p_n: Array) -> Any:
+    """Preintegration parameters: mounting, noise, and the gravity of a position.
+
+    The Earth turns where the place on it is known.
+    """
     noise = ImuNoise.model_validate(imu.noise)
-    gravity = (
-        STANDARD_GRAVITY_M_S2
-        if origin is None
-        else gravity_m_s2(origin.latitude_deg, origin.height_m)
-    )
-    parameters = gtsam.PreintegrationParams.MakeSharedD(gravity)
+    parameters = gtsam.PreintegrationParams(gravity_at(p_n, origin))
     parameters.setGyroscopeCovariance(noise.gyro_noise_density_rad_s_sqrt_hz**2 * np.eye(3))
     parameters.setAccelerometerCovariance(noise.accel_noise_density_m_s2_sqrt_hz**2 * np.eye(3))
     parameters.setIntegrationCovariance(1e-10 * np.eye(3))
@@ -169,18 +269,3 @@ def imu_parameters(imu: Sensor, origin: Origin | None) -> Any:
     if origin is not None:
         parameters.setOmegaCoriolis(earth_rate_n(origin.latitude_deg))
     return parameters
-
-
-def preintegrate(imu: ImuSeries, parameters: Any, bias: Any, from_s: float, to_s: float) -> Any:
-    """Preintegrated readings between two times; each reading holds until the next."""
-    pim = gtsam.PreintegratedImuMeasurements(parameters, bias)
-    first = max(int(np.searchsorted(imu.t, from_s, side="right")) - 1, 0)
-    last = int(np.searchsorted(imu.t, to_s, side="left"))
-    edges = np.clip(np.append(imu.t[first:last], to_s), from_s, to_s)
-    edges[0] = from_s
-    for accel, gyro, dt in zip(
-        imu.accel_i[first:last], imu.gyro_i[first:last], np.diff(edges), strict=True
-    ):
-        if dt > 0:
-            pim.integrateMeasurement(accel, gyro, dt)
-    return pim

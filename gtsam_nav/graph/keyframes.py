@@ -1,7 +1,8 @@
-"""When the graph's states are: at the middle of scans, and often enough between."""
+"""When the graph's states are: where something is measured, and often enough between."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from itertools import pairwise
 
 import numpy as np
@@ -9,34 +10,40 @@ import numpy as np
 from gtsam_nav.frames import Array
 
 MIN_SPACING_S = 0.05
-"""Start and stop give way to a scan's middle that is nearer than this."""
+"""Start and stop give way to an anchor that is nearer than this."""
 
 
-def keyframe_times(start_s: float, stop_s: float, scan_times: Array, interval_s: float) -> Array:
-    """Keyframe times: start, stop, each scan's middle, and equal divisions of what is too long.
+def merged_anchors(times: Iterable[Array], min_spacing_s: float) -> Array:
+    """Times at which keyframes must be, from several lists; earlier lists come first.
+
+    A time that is nearer than the spacing to one that is kept already is left out: what was
+    measured then is carried to its neighbour.
+    """
+    kept = np.empty(0)
+    for group in times:
+        for t in np.unique(group):
+            i = int(np.searchsorted(kept, t))
+            if all(abs(t - near) >= min_spacing_s for near in kept[max(i - 1, 0) : i + 1]):
+                kept = np.insert(kept, i, t)
+    return kept
+
+
+def keyframe_times(start_s: float, stop_s: float, anchors: Array, interval_s: float) -> Array:
+    """Keyframe times: start, stop, each anchor, and equal divisions of what is too long.
 
     Parameters
     ----------
     start_s, stop_s : float
-    scan_times : ndarray, shape (m,)
-        Strictly increasing.
+    anchors : ndarray, shape (m,)
+        Strictly increasing: scans' middles and the like.
     interval_s : float
         Longest spacing.
     """
-    inner = scan_times[(scan_times >= start_s) & (scan_times <= stop_s)]
+    inner = anchors[(anchors >= start_s) & (anchors <= stop_s)]
     ends = [t for t in (start_s, stop_s) if np.all(np.abs(inner - t) >= MIN_SPACING_S)]
-    anchors = np.unique(np.concatenate([ends, inner]))
+    marks = np.unique(np.concatenate([ends, inner]))
     pieces = [
         np.linspace(a, b, int(np.ceil((b - a) / interval_s)), endpoint=False)
-        for a, b in pairwise(anchors)
+        for a, b in pairwise(marks)
     ]
-    return np.concatenate([*pieces, anchors[-1:]])
-
-
-def thin_scans(scan_times: Array, min_spacing_s: float) -> Array:
-    """Indices of scans at least a spacing apart, greedily from the first."""
-    kept: list[int] = []
-    for k, t in enumerate(scan_times):
-        if not kept or t - scan_times[kept[-1]] >= min_spacing_s:
-            kept.append(k)
-    return np.array(kept, dtype=np.int64)
+    return np.concatenate([*pieces, marks[-1:]])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import gtsam
 import numpy as np
 
 from gtsam_nav.frames import (
@@ -13,17 +12,18 @@ from gtsam_nav.frames import (
     rotation_from_rpy,
     wrap_angle,
 )
-from gtsam_nav.graph.factors import B, M, X
+from gtsam_nav.graph.backend import marginals_of
+from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.scan_matching import ScanMatch
 from gtsam_nav.graph.sensor_posterior import SensorPosterior, free_part
 from gtsam_nav.mission import IntArray
-from gtsam_nav.solution import LoopClosure, PoseGraph, PoseGraphEdge, SlowStates
+from gtsam_nav.solution import LandmarkEstimates, LoopClosure, PoseGraph, PoseGraphEdge, SlowStates
 from gtsam_nav.trajectory import Trajectory
 
 
 def smoothed_covariances(
-    graph: Any, keys: list[int], posterior: SensorPosterior, A: Array
+    graph: Any, keys: list[int], posterior: SensorPosterior, A: Array, is_stiff: bool = False
 ) -> list[Array]:
     """Marginal covariances of the variables' free parts, all information and errors together.
 
@@ -32,7 +32,7 @@ def smoothed_covariances(
     ``P + U U' - C W C'`` with C the cross covariance of a variable with the planar poses and
     ``W = A - A (P_p^-1 + A)^-1 A``.
     """
-    marginals = gtsam.Marginals(graph, posterior.values)
+    marginals = marginals_of(graph, posterior.values, is_stiff)
     CW = np.zeros_like(posterior.cross)
     if np.any(A):
         total = np.linalg.inv(posterior.planar_cov) + A
@@ -67,56 +67,14 @@ def keyframe_trajectory(t: Array, states: list[Any], covariances: list[Array]) -
     )
 
 
-def dense_trajectory(problem: Problem, keyframes: Trajectory) -> Trajectory:
-    """The vehicle's own motion, corrected between keyframes as the refinement does.
-
-    Each of the two keyframes around a time carries the motion along, turned by its own correction;
-    the result lies between the two by the time's fraction of the interval.
-    """
-    assert keyframes.v_n is not None
-    assert keyframes.cov_pose_n is not None
-    assert keyframes.sigma_v_n is not None
-    motion, t_key = problem.motion, keyframes.t
-    inside = motion.t[(motion.t >= t_key[0]) & (motion.t <= t_key[-1])]
-    beside = t_key[np.clip(np.searchsorted(t_key, inside - 1e-6), 0, len(t_key) - 1)]
-    t = np.unique(np.concatenate([inside[np.abs(beside - inside) > 1e-6], t_key]))
-    before = np.clip(np.searchsorted(t_key, t, side="right") - 1, 0, len(t_key) - 2)
-    f = ((t - t_key[before]) / (t_key[before + 1] - t_key[before]))[:, None]
-    p_own, rpy_own = motion.at(t)
-    p_key, rpy_key = motion.at(t_key)
-    turn = wrap_angle(keyframes.rpy - rpy_key)
-    heading_turns = rotation_from_rpy(turn * [0.0, 0.0, 1.0])
-    ends = [
-        keyframes.p_n[k] + np.einsum("nij,nj->ni", heading_turns[k], p_own - p_key[k])
-        for k in (before, before + 1)
-    ]
-    v_b = np.stack([np.interp(t, motion.t, axis) for axis in motion.v_b.T], axis=1)
-    v_b_key = np.stack([np.interp(t_key, motion.t, axis) for axis in motion.v_b.T], axis=1)
-    v_gap = keyframes.v_n - np.einsum("nij,nj->ni", keyframes.R_nb, v_b_key)
-    R_nb = rotation_from_rpy(rpy_own + _between(t, t_key, turn))
-    return Trajectory(
-        t=t,
-        p_n=(1 - f) * ends[0] + f * ends[1],
-        q_nb_wxyz=quaternion_from_rotation(R_nb),
-        v_n=np.einsum("nij,nj->ni", R_nb, v_b) + _between(t, t_key, v_gap),
-        cov_pose_n=_between(t, t_key, keyframes.cov_pose_n.reshape(-1, 36)).reshape(-1, 6, 6),
-        sigma_v_n=_between(t, t_key, keyframes.sigma_v_n),
-        keyframe=np.isin(t, t_key),
-    )
-
-
-def _between(t: Array, t_key: Array, values: Array) -> Array:
-    return np.stack([np.interp(t, t_key, column) for column in values.T], axis=1)
-
-
 def slow_states(problem: Problem, values: Any, covariances: dict[int, Array]) -> SlowStates:
     """Heading bias and IMU biases at each keyframe with their sigmas."""
     columns: dict[str, tuple[Array, Array]] = {}
     index = range(len(problem.t))
-    if problem.has_compass:
+    if problem.compass:
         # the compass frame's yaw is what must be added to the reading
-        yaw = np.array([values.atNavState(M(k)).attitude().yaw() for k in index])
-        sigma = np.sqrt([covariances[M(k)][0, 0] for k in index])
+        yaw = np.array([values.atNavState(key).attitude().yaw() for key in problem.compass])
+        sigma = np.sqrt([covariances[key][0, 0] for key in problem.compass])
         columns["heading_bias_rad"] = (-yaw, sigma)
     if problem.uses_imu:
         vectors = np.array([values.atConstantBias(B(k)).vector() for k in index])
@@ -125,6 +83,24 @@ def slow_states(problem: Problem, values: Any, covariances: dict[int, Array]) ->
         for c, name in enumerate(names):
             columns[name] = (vectors[:, c], sigmas[:, c])
     return SlowStates(problem.t, columns)
+
+
+def landmark_estimates(
+    problem: Problem, values: Any, covariances: dict[int, Array], seen: set[int]
+) -> LandmarkEstimates | None:
+    """Landmarks with at least one sighting that was believed; None without any."""
+    known = sorted((i, key) for i, key in problem.landmarks.items() if key in seen)
+    if not known:
+        return None
+    cov_n = np.array([covariances[key] for _, key in known])
+    for m, (landmark, _) in enumerate(known):
+        if landmark in problem.level_landmarks:
+            cov_n[m, 2, :] = cov_n[m, :, 2] = 0.0
+    return LandmarkEstimates(
+        id=np.array([landmark for landmark, _ in known]),
+        p_n=np.array([values.atNavState(key).position() for _, key in known]),
+        cov_n=cov_n,
+    )
 
 
 def loop_closures(

@@ -74,8 +74,8 @@ class GraphSettings(Settings):
     keyframe_interval_s : float
         Longest time between keyframes; the causal trajectory consists of them, and is scored only
         where they are at most 5 s apart.
-    scan_interval_s : float
-        Scans closer together than this are thinned out (sonars and lasers that scan fast).
+    anchor_spacing_s : float
+        Fixes and sightings get keyframes of their own unless they follow each other faster.
     imu_min_rate_hz : float
         A slower IMU is not preintegrated: rotations then come from the AHRS.
     keyframes_per_update : int
@@ -85,7 +85,7 @@ class GraphSettings(Settings):
     """
 
     keyframe_interval_s: float = Field(default=5.0, gt=0, le=5)
-    scan_interval_s: float = Field(default=2.0, ge=0)
+    anchor_spacing_s: float = Field(default=0.1, ge=0.05)
     imu_min_rate_hz: float = Field(default=50.0, gt=0)
     keyframes_per_update: int = Field(default=3, ge=1)
     huber_k: float = Field(default=1.345, gt=0)

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gtsam_nav.graph.keyframes import MIN_SPACING_S, keyframe_times, thin_scans
+from gtsam_nav.graph.keyframes import MIN_SPACING_S, keyframe_times
 
 
 @given(
@@ -45,10 +45,3 @@ def test_scan_beside_an_end_takes_its_place() -> None:
 def test_scans_on_the_ends_change_nothing() -> None:
     t = keyframe_times(0.0, 10.0, np.array([0.0, 10.0]), 20.0)
     np.testing.assert_allclose(t, [0.0, 10.0])
-
-
-def test_thinning_keeps_a_spacing_and_the_first() -> None:
-    t = np.array([0.0, 0.5, 1.9, 2.0, 2.1, 4.5])
-    np.testing.assert_array_equal(thin_scans(t, 2.0), [0, 3, 5])
-    np.testing.assert_array_equal(thin_scans(t, 0.0), np.arange(6))
-    assert len(thin_scans(np.empty(0), 2.0)) == 0

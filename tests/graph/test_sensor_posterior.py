@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,12 +10,14 @@ import pytest
 
 from gtsam_nav.config import Config
 from gtsam_nav.frames import Array
-from gtsam_nav.graph.backend import Backend, planar_rows, solve_batch
+from gtsam_nav.graph.backend import Backend, planar_rows
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.keyframes import keyframe_times
+from gtsam_nav.graph.measurements import build_problem
 from gtsam_nav.graph.output import smoothed_covariances
-from gtsam_nav.graph.problem import Problem, build_problem
+from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.sensor_posterior import SensorPosterior, _tangent, sensor_posterior
+from gtsam_nav.graph.settling import settle
 from gtsam_nav.mission import IntArray
 from gtsam_nav.preprocess.alignment import align
 from gtsam_nav.preprocess.motion import vehicle_motion
@@ -47,15 +49,17 @@ def make_case(uses_imu: bool, sigma: tuple[float, float]) -> Case:
     start = align(mission)
     motion = vehicle_motion(mission, start, Config().motion)
     t = keyframe_times(*mission.span_s, np.empty(0), 5.0)
-    problem = replace(build_problem(mission, start, motion, t, Config()))
+    problem = build_problem(mission, start, motion, t, Config())
     problem.calibration_sigma = np.array(sigma)
     backend = Backend(problem)
     for k in range(len(t)):
         backend.add_keyframe(k)
     backend.update()
     graph = backend.graph()
-    values = solve_batch(graph, backend.values())
-    return Case(problem, graph, values, sensor_posterior(graph, values, KNOTS, problem))
+    settled = settle(problem, graph, backend.values())
+    graph.push_back(settled.factors)
+    posterior = sensor_posterior(graph, settled.values, KNOTS, problem)
+    return Case(problem, graph, settled.values, posterior)
 
 
 def dense_solution(case: Case, keyframes: IntArray) -> Dense:

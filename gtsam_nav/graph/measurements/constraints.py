@@ -1,0 +1,103 @@
+"""What is known of the motion without a sensor: wheels, rest, a floor."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gtsam_nav.config import Config
+from gtsam_nav.frames import Array
+from gtsam_nav.graph import factors
+from gtsam_nav.graph.factors import X
+from gtsam_nav.graph.problem import Problem
+from gtsam_nav.mission import BoolArray, Mission, Sensor
+from gtsam_nav.preprocess.rest import SPELL_S, Rest, Spells, initial_rest, spells_of
+from gtsam_nav.sensors.noise import ImuNoise
+
+NAME = "constraints"
+PIN_RAD, PIN_M = 1e-3, 1e-3
+"""Spread of roll, pitch and depth of what drives on a plane."""
+TELL_HEIGHT_OR_TILT = ("imu", "attitude", "depth", "dvl", "gnss")
+
+
+def is_planar(mission: Mission) -> bool:
+    """Whether a ground robot's odometry is all that moves it: then its floor is level."""
+    return mission.first("odometry") is not None and not any(
+        mission.of_type(kind) for kind in TELL_HEIGHT_OR_TILT
+    )
+
+
+def rolls(mission: Mission, config: Config) -> bool:
+    """Whether the vehicle moves neither sideways nor up: by the configuration, else the mission."""
+    stated = config.motion.nonholonomic
+    return mission.constraints.nonholonomic if stated is None else stated
+
+
+def add(problem: Problem, mission: Mission, config: Config) -> None:
+    """The constraints that the mission or the configuration states, and a start at rest."""
+    if problem.planar:
+        _add_plane(problem, config)
+    if not problem.uses_imu:
+        return
+    if rolls(mission, config):
+        sigma = config.motion.nonholonomic_sigma_m_s
+        for k in range(len(problem.t)):
+            problem.add(k, NAME, factors.nonholonomic(X(k), sigma, config.graph.huber_k))
+    _add_rests(problem, mission, config)
+
+
+def _add_rests(problem: Problem, mission: Mission, config: Config) -> None:
+    """Rest: stated for a quiet IMU, or taken for granted at the start of a mission whose position
+    and velocity nothing else measures. What merely floats there keeps its velocity."""
+    imu = mission.first("imu")
+    assert imu is not None
+    stated = config.motion.zero_velocity
+    rest = initial_rest(imu)
+    if mission.constraints.zero_velocity if stated is None else stated:
+        spells = spells_of(imu)
+        _add_rest(problem, spells.select(spells.quiet), imu, config)
+    elif rest is not None and not problem.measures_velocity:
+        if mission.first("gnss") is None:
+            _add_rest(problem, rest.spells, imu, config)
+        else:
+            _add_steadiness(problem, rest)
+
+
+def _add_rest(problem: Problem, spells: Spells, imu: Sensor, config: Config) -> None:
+    """No velocity at the keyframes within the spells, and no turn from one to the next."""
+    noise = ImuNoise.model_validate(imu.noise)
+    sigma = config.motion.zero_velocity_sigma_m_s
+    still = _within(problem.t, spells)
+    for k in np.flatnonzero(still).tolist():
+        factor = factors.velocity(X(k), np.zeros(3), sigma, config.graph.huber_k)
+        problem.add(k, NAME, factor)
+        if k and still[k - 1]:
+            span_s = float(problem.t[k] - problem.t[k - 1])
+            turn = noise.gyro_noise_density_rad_s_sqrt_hz * np.sqrt(span_s)
+            problem.add(k, NAME, factors.no_turn(X(k - 1), X(k), turn))
+
+
+def _within(t: Array, spells: Spells) -> BoolArray:
+    """Which times lie within a spell."""
+    if not len(spells.t):
+        return np.zeros(len(t), dtype=bool)
+    end = np.searchsorted(spells.t, t).clip(max=len(spells.t) - 1)
+    return np.asarray((t <= spells.t[end]) & (t >= spells.t[end] - SPELL_S))
+
+
+def _add_steadiness(problem: Problem, rest: Rest) -> None:
+    """The mean specific force of the first quiet spells is gravity's: no velocity is gained."""
+    resting = np.flatnonzero(_within(problem.t, rest.spells))
+    if len(resting) < 2:
+        return
+    a, b = int(resting[0]), int(resting[-1])
+    sigma = rest.sigma_force * (problem.t[b] - problem.t[a])
+    problem.add(b, NAME, factors.no_gain(X(a), X(b), sigma))
+
+
+def _add_plane(problem: Problem, config: Config) -> None:
+    """Upright, at the depth of the start."""
+    for k, depth_m in enumerate(problem.p_n[:, 2].tolist()):
+        upright = factors.tilt(X(k), np.zeros(3), PIN_RAD, config.graph.huber_k)
+        level = factors.depth(X(k), depth_m, np.zeros(3), PIN_M, config.graph.huber_k)
+        problem.add(k, NAME, upright)
+        problem.add(k, NAME, level)

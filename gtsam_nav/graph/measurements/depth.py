@@ -1,0 +1,25 @@
+"""Depth below the surface."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gtsam_nav.config import Config
+from gtsam_nav.graph import factors
+from gtsam_nav.graph.factors import X
+from gtsam_nav.graph.problem import Problem
+from gtsam_nav.mission import DepthSeries, Mission
+
+
+def add(problem: Problem, mission: Mission, config: Config) -> None:
+    """The depth at each keyframe."""
+    sensor = mission.first("depth")
+    if sensor is None:
+        return
+    series = sensor.series
+    assert isinstance(series, DepthSeries)
+    for k, t in enumerate(problem.t):
+        depth_m = float(np.interp(t, series.t, series.depth_m))
+        sigma = float(np.interp(t, series.t, series.sigma))
+        factor = factors.depth(X(k), depth_m, sensor.xyz_b, sigma, config.graph.huber_k)
+        problem.add(k, sensor.name, factor)

@@ -1,0 +1,160 @@
+"""GNSS positions and velocities, with an error that fixes share where the card says so."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gtsam
+import numpy as np
+
+from gtsam_nav.config import Config
+from gtsam_nav.frames import Array, rotation_from_rpy
+from gtsam_nav.graph import factors
+from gtsam_nav.graph.factors import G, X
+from gtsam_nav.graph.gauss_markov import gauss_markov
+from gtsam_nav.graph.problem import RECEIVER_STRIDE, Problem, Reading, StateAt
+from gtsam_nav.mission import GnssSeries, IntArray, Mission, Sensor
+from gtsam_nav.preprocess.gnss_policy import GnssSettings
+from gtsam_nav.sensors.noise import GnssNoise
+from gtsam_nav.sensors.rates import angular_rate_b
+
+POSITION_OUTLIER, VELOCITY_OUTLIER = "position outlier", "velocity outlier"
+CARRIED_ACCELERATION_M_S2 = 0.3
+"""What the motion's acceleration may be wrong by, that carries a velocity to a keyframe."""
+
+
+def add(problem: Problem, mission: Mission, config: Config) -> None:
+    """All fixes of all receivers, each at the keyframe nearest in time.
+
+    The vehicle's own motion carries them there. GNSS height and vertical velocity give way to a
+    depth sensor.
+    """
+    level = mission.first("depth") is not None and not config.gnss.use_height
+    for number, receiver in enumerate(mission.of_type("gnss")):
+        _add_positions(problem, receiver, number, level, config.gnss)
+        if config.gnss.use_velocity:
+            _add_velocities(problem, mission, receiver, level, config.gnss)
+
+
+def _within(problem: Problem, gnss: Sensor, lag_s: float = 0.0) -> GnssSeries:
+    """Fixes whose time, less a lag, lies within the keyframes'."""
+    series = gnss.series
+    assert isinstance(series, GnssSeries)
+    t = series.t - lag_s
+    return series.select((t >= problem.t[0]) & (t <= problem.t[-1]))
+
+
+def _add_positions(
+    problem: Problem, gnss: Sensor, number: int, level: bool, settings: GnssSettings
+) -> None:
+    """Antenna positions; an error that fixes share is a state of its own.
+
+    It is a Gauss-Markov sequence over the keyframes with fixes.
+    """
+    series = _within(problem, gnss)
+    keyframe = problem.keyframe_nearest(series.t)
+    noise = GnssNoise.model_validate(gnss.noise)
+    shares_error = noise.correlated_share > 0
+    carried = problem.motion.displacement_variance(series.t, problem.t[keyframe])
+    sigma = np.sqrt(series.sigma**2 * (1 - noise.correlated_share) + carried[:, None])
+    if level:
+        sigma[:, 2] = np.inf
+    if shares_error:
+        _add_shared_error(problem, gnss.name, number, keyframe, series.sigma, noise)
+    p_n = _carried(problem, gnss, series, keyframe)
+    for i, k in enumerate(keyframe.tolist()):
+
+        def make(state_at: StateAt, i: int = i, k: int = k) -> Any:
+            if not shares_error:
+                return factors.gnss(X(k), p_n[i], gnss.xyz_b, sigma[i])
+            arm_n = state_at(X(k)).attitude().matrix() @ gnss.xyz_b
+            return factors.gnss_with_error(error_key(number, k), X(k), p_n[i] - arm_n, sigma[i])
+
+        probability = settings.position_gate_probability if settings.reject_outliers else None
+        problem.readings[k].append(
+            Reading(
+                t=float(series.t[i]),
+                sensor=gnss.name,
+                index=int(series.row[i]),
+                make=make,
+                gate_probability=probability,
+                huber_k=settings.huber_k,
+                reason=POSITION_OUTLIER,
+            )
+        )
+
+
+def _carried(problem: Problem, gnss: Sensor, series: GnssSeries, keyframe: IntArray) -> Array:
+    """Antenna positions as they would be at the keyframes."""
+    p_fix, rpy_fix = problem.motion.at(series.t)
+    p_key, rpy_key = problem.motion.at(problem.t[keyframe])
+    arm_moved = (rotation_from_rpy(rpy_fix) - rotation_from_rpy(rpy_key)) @ gnss.xyz_b
+    return np.asarray(series.p_n - (p_fix - p_key) - arm_moved)
+
+
+def error_key(receiver: int, k: int) -> int:
+    """Key of a receiver's shared error at keyframe k."""
+    return int(G(receiver * RECEIVER_STRIDE + k))
+
+
+def _add_shared_error(
+    problem: Problem,
+    name: str,
+    number: int,
+    keyframe: IntArray,
+    sigma_fixes: Array,
+    noise: GnssNoise,
+) -> None:
+    keyframes = np.unique(keyframe)
+    sigma = float(np.median(sigma_fixes[:, :2])) * np.sqrt(noise.correlated_share)
+    shared = gauss_markov(problem.t[keyframes], sigma, noise.correlation_time_s)
+    for i, k in enumerate(keyframes.tolist()):
+        key = error_key(number, k)
+        problem.add_variable(k, key, gtsam.NavState())
+        problem.add(k, name, factors.gnss_error_prior(key, float(shared.tie[i])))
+        if i:
+            previous = error_key(number, int(keyframes[i - 1]))
+            link = factors.gnss_error_link(previous, key, float(shared.link[i - 1]))
+            problem.add(k, name, link)
+
+
+def _add_velocities(
+    problem: Problem, mission: Mission, gnss: Sensor, level: bool, settings: GnssSettings
+) -> None:
+    """Antenna velocities, which belong to a time before their fix."""
+    noise = GnssNoise.model_validate(gnss.noise)
+    series = _within(problem, gnss, noise.velocity_lag_s)
+    if series.v_n is None:
+        return
+    t = series.t - noise.velocity_lag_s
+    keyframe = problem.keyframe_nearest(t)
+    motion = problem.motion.trajectory
+    assert motion.v_n is not None
+    own_v_n = [
+        np.interp(t, motion.t, v) - np.interp(problem.t[keyframe], motion.t, v)
+        for v in motion.v_n.T
+    ]
+    v_n = series.v_n - np.stack(own_v_n, axis=1)
+    turning_b = np.cross(angular_rate_b(mission, problem.t[keyframe]), gnss.xyz_b)
+    carried = CARRIED_ACCELERATION_M_S2 * (t - problem.t[keyframe])
+    sigma = np.hypot(noise.sigma_velocity_m_s, carried)[:, None] * np.ones(3)
+    if level:
+        sigma[:, 2] = np.inf
+    for i, k in enumerate(keyframe.tolist()):
+
+        def make(state_at: StateAt, i: int = i, k: int = k) -> Any:
+            R_nb = state_at(X(k)).attitude().matrix()
+            return factors.gnss_velocity(X(k), v_n[i], turning_b[i], R_nb, sigma[i])
+
+        probability = settings.velocity_gate_probability if settings.reject_outliers else None
+        problem.readings[k].append(
+            Reading(
+                t=float(series.t[i]),
+                sensor=gnss.name,
+                index=int(series.row[i]),
+                make=make,
+                gate_probability=probability,
+                huber_k=settings.huber_k,
+                reason=VELOCITY_OUTLIER,
+            )
+        )

@@ -1,0 +1,154 @@
+"""Inertial readings, preintegrated between keyframes, and the random walk of their biases."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import gtsam
+import numpy as np
+
+from gtsam_nav.config import Config
+from gtsam_nav.frames import Array, Origin
+from gtsam_nav.graph import factors
+from gtsam_nav.graph.factors import B, X
+from gtsam_nav.graph.measurements.orientation import add_unmeasured_turn
+from gtsam_nav.graph.measurements.velocity import add_velocity
+from gtsam_nav.graph.problem import InertialStep, Problem
+from gtsam_nav.mission import BoolArray, ImuSeries, Mission, Sensor
+from gtsam_nav.preprocess.strapdown import gravity_at
+from gtsam_nav.sensors.noise import ImuNoise
+
+MAX_IMU_GAP_S = 0.2
+"""An interval with a longer silence of the IMU is bridged."""
+HABIT_S = 1.0
+"""How long a manoeuvre that a silent IMU misses lasts."""
+COASTING_STEP_S = 0.1
+
+
+def preintegrable(mission: Mission, min_rate_hz: float) -> Sensor | None:
+    """The first IMU that samples fast enough; None without one."""
+    for imu in mission.of_type("imu"):
+        if len(imu.series) > 1 and np.median(np.diff(imu.series.t)) <= 1.0 / min_rate_hz:
+            return imu
+    return None
+
+
+def silences(imu: ImuSeries, from_s: float, to_s: float) -> Array:
+    """First and last moment of each silence of an IMU within a span, shape (k, 2)."""
+    inside = imu.t[(imu.t > from_s) & (imu.t < to_s)]
+    marks = np.concatenate([[from_s], inside, [to_s]])
+    long = np.flatnonzero(np.diff(marks) > MAX_IMU_GAP_S)
+    return np.column_stack([marks[long], marks[long + 1]])
+
+
+def add(problem: Problem, mission: Mission, config: Config) -> None:
+    """Preintegrated readings; where the IMU fell silent the other sensors, or constant velocity."""
+    imu = preintegrable(mission, config.graph.imu_min_rate_hz)
+    if imu is None:
+        return
+    series = imu.series
+    assert isinstance(series, ImuSeries)
+    problem.bias = gtsam.imuBias.ConstantBias(np.zeros(3), imu.R_bs.T @ problem.motion.gyro_bias_b)
+    _add_biases(problem, imu)
+    readings = _readings_between(imu, problem.t)
+    covered = _covered(series, problem.t)
+    has_tilt = mission.first("attitude") is not None
+    for k in range(1, len(problem.t)):
+        if covered[k - 1]:
+            parameters = factors.imu_parameters(imu, mission.origin, problem.p_n[k - 1])
+            _add_step(problem, k, parameters, *readings[k - 1])
+        elif problem.measures_velocity and has_tilt:
+            add_velocity(problem, k, config)
+            add_unmeasured_turn(problem, k)
+        else:
+            _coast(problem, k, mission.origin, imu)
+            if problem.measures_velocity:
+                add_velocity(problem, k, config)
+    for a, b in silences(series, problem.t[0], problem.t[-1]):
+        if not problem.measures_velocity:
+            problem.warnings.append(
+                f"the IMU '{imu.name}' is silent from {a:.1f} s to {b:.1f} s: constant velocity"
+            )
+
+
+def _add_biases(problem: Problem, imu: Sensor) -> None:
+    noise = ImuNoise.model_validate(imu.noise)
+    spread = np.r_[[noise.accel_bias_sigma_m_s2] * 3, [noise.gyro_bias_sigma_rad_s] * 3]
+    zero = gtsam.imuBias.ConstantBias()
+    prior = gtsam.PriorFactorConstantBias(B(0), zero, gtsam.noiseModel.Diagonal.Sigmas(spread))
+    problem.add(0, "imu", prior)
+    problem.add_variable(0, B(0), problem.bias)
+    walk = np.r_[
+        [noise.accel_bias_walk_m_s3_sqrt_hz] * 3, [noise.gyro_bias_walk_rad_s2_sqrt_hz] * 3
+    ]
+    for k in range(1, len(problem.t)):
+        steady = gtsam.noiseModel.Diagonal.Sigmas(walk * np.sqrt(problem.t[k] - problem.t[k - 1]))
+        problem.add(k, "imu", gtsam.BetweenFactorConstantBias(B(k - 1), B(k), zero, steady))
+        problem.add_variable(k, B(k), problem.bias)
+
+
+def _readings_between(imu: Sensor, t_key: Array) -> list[tuple[Array, Array, Array]]:
+    """Specific forces, rates and durations of the steps between keyframes, in IMU axes.
+
+    Readings are linear between samples; the first and the last are held.
+
+    GTSAM knows the lever arm's centripetal force; its Euler force is taken off here.
+    """
+    series = imu.series
+    assert isinstance(series, ImuSeries)
+    gyro_i, accel_i = series.gyro_i, series.accel_i
+    if np.any(imu.xyz_b):
+        arm_i = imu.R_bs.T @ imu.xyz_b
+        accel_i = accel_i - np.cross(np.gradient(gyro_i, series.t, axis=0), arm_i)
+    t = np.union1d(series.t, t_key)
+    columns = np.hstack([accel_i, gyro_i]).T
+    readings = np.stack([np.interp(t, series.t, column) for column in columns], axis=1)
+    means, dt = 0.5 * (readings[1:] + readings[:-1]), np.diff(t)
+    edges = np.searchsorted(t, t_key)
+    return [(means[a:b, :3], means[a:b, 3:], dt[a:b]) for a, b in pairwise(edges)]
+
+
+def _covered(imu: ImuSeries, t_key: Array) -> BoolArray:
+    """Which intervals between keyframes hold no silence."""
+    covered = np.ones(len(t_key) - 1, dtype=bool)
+    for a, b in silences(imu, t_key[0], t_key[-1]):
+        covered[(t_key[:-1] < b) & (t_key[1:] > a)] = False
+    return covered
+
+
+def _add_step(
+    problem: Problem, k: int, parameters: Any, accel: Array, gyro: Array, dt: Array
+) -> None:
+    pim = gtsam.PreintegratedImuMeasurements(parameters, problem.bias)
+    for f, omega, step_s in zip(list(accel), list(gyro), dt.tolist(), strict=True):
+        pim.integrateMeasurement(f, omega, step_s)
+    problem.steps[k] = InertialStep(pim, parameters, accel, gyro, dt)
+    problem.add(k, "imu", gtsam.ImuFactor2(X(k - 1), X(k), B(k - 1), pim))
+
+
+def _coast(problem: Problem, k: int, origin: Origin | None, imu: Sensor) -> None:
+    """Constant velocity and attitude, as uncertain as this vehicle's habits make them."""
+    series = imu.series
+    assert isinstance(series, ImuSeries)
+    gravity_n = gravity_at(problem.p_n[k - 1], origin)
+    parameters = gtsam.PreintegrationParams(gravity_n)
+    for habit, set_covariance in (
+        (_habit(series.t, series.accel_i), parameters.setAccelerometerCovariance),
+        (_habit(series.t, series.gyro_i), parameters.setGyroscopeCovariance),
+    ):
+        set_covariance(2 * HABIT_S * habit * np.eye(3))
+    parameters.setIntegrationCovariance(1e-10 * np.eye(3))
+    span_s = float(problem.t[k] - problem.t[k - 1])
+    n = int(np.ceil(span_s / COASTING_STEP_S))
+    # the estimated biases are taken off again
+    force_b = -problem.R_nb[k - 1].T @ gravity_n + problem.bias.accelerometer()
+    readings = np.tile([force_b, problem.bias.gyroscope()], (n, 1, 1))
+    _add_step(problem, k, parameters, readings[:, 0], readings[:, 1], np.full(n, span_s / n))
+
+
+def _habit(t: Array, readings: Array) -> float:
+    """Variance of the readings of a mission over a second, the largest of the axes."""
+    _, which, count = np.unique((t / HABIT_S).astype(int), return_inverse=True, return_counts=True)
+    means = [np.bincount(which, axis) / count for axis in readings.T]
+    return float(max(np.var(axis) for axis in means))

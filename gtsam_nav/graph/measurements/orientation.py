@@ -1,0 +1,133 @@
+"""Heading, roll and pitch: AHRS orientations, a slow heading bias as a compass frame of its own."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gtsam
+import numpy as np
+
+from gtsam_nav.config import Config
+from gtsam_nav.frames import Array, rotation_from_rpy, wrap_angle
+from gtsam_nav.graph import factors
+from gtsam_nav.graph.factors import M, X
+from gtsam_nav.graph.gauss_markov import gauss_markov
+from gtsam_nav.graph.problem import Problem, Reading, StateAt
+from gtsam_nav.mission import IntArray, Mission
+from gtsam_nav.sensors.noise import HeadingNoise
+from gtsam_nav.sensors.orientation import headings_true, tilt_at
+
+UNMEASURED_TURN_RAD2_S = np.radians(3.0) ** 2
+"""Growth of the variance of a turn that neither gyro nor compass saw."""
+
+
+def add(problem: Problem, mission: Mission, config: Config) -> None:
+    """Headings where there is a compass; roll and pitch unless preintegrated forces tell them."""
+    measures_tilt = mission.first("attitude") is not None or not problem.uses_imu
+    if problem.has_compass:
+        _add_compass(problem, mission)
+        add_one = _add_orientations if measures_tilt else _add_headings
+        add_one(problem, mission, config)
+    elif measures_tilt and not problem.planar:
+        for k in range(len(problem.t)):
+            _add_tilt(problem, mission, k, config)
+
+
+def _add_compass(problem: Problem, mission: Mission) -> None:
+    """The compass frames: a constant heading bias and a Gauss-Markov disturbance, if it has any."""
+    sensor = mission.first("heading")
+    assert sensor is not None
+    noise = HeadingNoise.model_validate(sensor.noise)
+    if noise.bias_sigma_deg == 0 and noise.disturbance_sigma_deg == 0:
+        return
+    constant = M(len(problem.t))
+    problem.add_variable(0, constant, gtsam.NavState())
+    problem.add(0, "heading", factors.compass_prior(constant, np.radians(noise.bias_sigma_deg)))
+    problem.compass = [constant] * len(problem.t)
+    if noise.disturbance_sigma_deg == 0:
+        return
+    spread = float(np.radians(noise.disturbance_sigma_deg))
+    disturbance = gauss_markov(problem.t, spread, noise.disturbance_time_s)
+    problem.compass = [M(k) for k in range(len(problem.t))]
+    for k in range(len(problem.t)):
+        problem.add_variable(k, M(k), gtsam.NavState())
+        problem.add(k, "heading", factors.compass_pin(M(k)))
+        problem.add(k, "heading", factors.compass_link(constant, M(k), disturbance.tie[k]))
+        if k:
+            link = factors.compass_link(M(k - 1), M(k), disturbance.link[k - 1])
+            problem.add(k, "heading", link)
+
+
+def _add_orientations(problem: Problem, mission: Mission, config: Config) -> None:
+    """Heading, roll and pitch of an AHRS as one orientation."""
+    yaw, sigma_yaw, _ = _averaged_headings(problem, mission)
+    R_measured = rotation_from_rpy(np.column_stack([problem.rpy[:, :2], yaw]))
+    _, sigma_tilt = tilt_at(mission, problem.t)
+    for k in range(len(problem.t)):
+        if np.isfinite(sigma_yaw[k]):
+            sigmas = np.array([sigma_tilt[k], sigma_tilt[k], sigma_yaw[k]])
+            compass = problem.compass[k] if problem.compass else None
+            factor = factors.orientation(compass, X(k), R_measured[k], sigmas, config.graph.huber_k)
+            problem.add(k, "heading", factor)
+        else:
+            _add_tilt(problem, mission, k, config)
+            add_unmeasured_turn(problem, k)
+
+
+def _add_headings(problem: Problem, mission: Mission, config: Config) -> None:
+    """Headings alone; their factors take roll and pitch from the present estimate."""
+    yaw, sigma, row = _averaged_headings(problem, mission)
+    for k in np.flatnonzero(np.isfinite(sigma)).tolist():
+
+        def make(state_at: StateAt, k: int = k) -> Any:
+            R_nb = state_at(X(k)).attitude().matrix()
+            compass = problem.compass[k] if problem.compass else None
+            return factors.heading(compass, X(k), float(yaw[k]), R_nb, float(sigma[k]))
+
+        reading = Reading(
+            t=float(problem.t[k]),
+            sensor="heading",
+            index=int(row[k]),
+            make=make,
+            gate_probability=None,
+            huber_k=config.graph.huber_k,
+            reason="",
+        )
+        problem.readings[k].append(reading)
+
+
+def add_unmeasured_turn(problem: Problem, k: int) -> None:
+    """Ties the yaw of a keyframe without a reading loosely to its neighbours'."""
+    for a, b in ((k - 1, k), (k, k + 1)):
+        if a >= 0 and b < len(problem.t):
+            R_ab, _ = problem.increment(a, b)
+            precision = 1.0 / (UNMEASURED_TURN_RAD2_S * (problem.t[b] - problem.t[a]))
+            problem.add(b, "heading", factors.turn(X(a), X(b), R_ab, precision))
+
+
+def _averaged_headings(problem: Problem, mission: Mission) -> tuple[Array, Array, IntArray]:
+    """Heading at each keyframe from the readings nearest to it, its sigma, and the first's row.
+
+    The readings are carried to the keyframe by the vehicle's own turn; half before, half after,
+    so that a gyro's bias cancels. Keyframes without a reading get an infinite sigma.
+    """
+    headings = headings_true(mission)
+    assert headings is not None
+    yaw, n = problem.rpy[:, 2], len(problem.t)
+    owner = problem.keyframe_nearest(headings.t)
+    turned = problem.motion.at(headings.t)[1][:, 2] - yaw[owner]
+    difference = wrap_angle(headings.heading - turned - yaw[owner])
+    count = np.bincount(owner, minlength=n)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mean = np.bincount(owner, difference, minlength=n) / count
+        sigma = np.sqrt(np.bincount(owner, headings.sigma**2, minlength=n)) / count
+    first = np.clip(np.searchsorted(owner, np.arange(n)), 0, len(owner) - 1)
+    heading = yaw + np.where(count > 0, mean, 0.0)
+    return heading, np.where(count > 0, sigma, np.inf), headings.row[first]
+
+
+def _add_tilt(problem: Problem, mission: Mission, k: int, config: Config) -> None:
+    """Roll and pitch of a keyframe without a heading."""
+    tilt, sigma = tilt_at(mission, problem.t[k : k + 1])
+    rpy = np.array([*tilt[0], 0.0])
+    problem.add(k, "attitude", factors.tilt(X(k), rpy, float(sigma[0]), config.graph.huber_k))

@@ -1,0 +1,42 @@
+"""What is known of the first keyframe before anything is measured."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gtsam_nav.config import Config
+from gtsam_nav.graph import factors
+from gtsam_nav.graph.factors import X
+from gtsam_nav.graph.problem import Problem
+from gtsam_nav.mission import Mission
+from gtsam_nav.sensors.orientation import UNMEASURED_TILT_SIGMA_RAD
+
+VAGUE_M, VAGUE_RAD, VAGUE_M_S = 1e3, np.pi, 30.0
+"""Spread of what the sensors' own factors know better of the start."""
+FIXES_SIGMAS = 10.0
+"""A start that comes from the fixes counts as a hundredth of one: enough to tell, before there are
+others, which of the first are outliers."""
+SLOW_M_S = 1.0
+"""Speed at the start of a vehicle that a DVL or odometry tells of, or nothing."""
+
+
+def add(problem: Problem, mission: Mission, _config: Config) -> None:
+    """The alignment as a prior; what is a factor of its own must not count twice."""
+    start = problem.alignment
+    sigma_rpy, sigma_p = start.sigma_rpy.copy(), start.sigma_p.copy()
+    has_gnss = mission.first("gnss") is not None
+    if mission.first("attitude") is not None:
+        sigma_rpy[:2] = VAGUE_RAD
+    elif problem.uses_imu and has_gnss:
+        sigma_rpy[:2] = UNMEASURED_TILT_SIGMA_RAD
+    if mission.initial.heading is None and (problem.has_compass or has_gnss):
+        sigma_rpy[2] = VAGUE_RAD
+    if has_gnss and mission.initial.p_n is None:
+        sigma_p *= FIXES_SIGMAS
+    if mission.first("depth") is not None:
+        sigma_p[2] = VAGUE_M
+    sigma_v = VAGUE_M_S if has_gnss and not problem.measures_velocity else SLOW_M_S
+    prior = factors.start_prior(
+        X(0), problem.initial_state(0), start.R_nb, sigma_rpy, sigma_p, sigma_v
+    )
+    problem.add(0, "start", prior)

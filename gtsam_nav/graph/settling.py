@@ -1,0 +1,218 @@
+"""Which readings to believe: a robust start, then rejection and re-admission until nothing changes.
+
+A reading is judged by what all others say of it: its residual, free of its own pull, against its
+noise and their uncertainty together. For a whitened residual e and the whitened covariance M of
+its prediction, with weight w in the solution, that is chi-square distributed as
+
+``e' (I - w M)^-1 (I + M (I - w M)^-1)^-1 (I - w M)^-1 e``,
+
+``e' (I - M)^-1 e`` where it was used and ``e' (I + M)^-1 e`` where it was not: one test for
+rejection and for re-admission.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from typing import Any
+
+import gtsam
+import numpy as np
+
+from gtsam_nav.frames import Array
+from gtsam_nav.graph import factors
+from gtsam_nav.graph.backend import marginals_of, solve_batch
+from gtsam_nav.graph.factors import X
+from gtsam_nav.graph.problem import Problem, Reading
+from gtsam_nav.mission import BoolArray, Rejection
+from gtsam_nav.sensors.prediction import chi2_limit
+
+log = logging.getLogger(__name__)
+
+CAUCHY_K = 2.385
+"""Of the robust start's last solve: 95 % as efficient as least squares where nothing is wrong."""
+NARROWING = 4.0
+"""By which the kernel's scale shrinks from one solve of the robust start to the next."""
+MAX_ROUNDS = 12
+STILL_M = 1e-3
+"""Readings are made anew until no keyframe moves further."""
+CLEAR_SHARE = 0.3
+"""A reading in use whose residual alone stays below this share of its limit passes unexamined."""
+LEAST_OWN_SHARE = 1e-3
+"""A prediction that rests on the reading itself by more than all but this share says nothing."""
+
+
+@dataclass(frozen=True)
+class Settled:
+    """Solution of the batch, and what became of its readings.
+
+    Attributes
+    ----------
+    values : gtsam.Values
+    used : tuple of Reading
+    factors : gtsam.NonlinearFactorGraph
+        Of the used readings, as they are at the solution.
+    rejections : tuple of Rejection
+    settled : bool
+        Whether the rounds ended because nothing changed any more.
+    """
+
+    values: Any
+    used: tuple[Reading, ...]
+    factors: Any
+    rejections: tuple[Rejection, ...]
+    settled: bool
+
+
+def settle(problem: Problem, graph: Any, values: Any) -> Settled:
+    """Solve a problem's batch with its readings, leaving out what is an outlier.
+
+    Parameters
+    ----------
+    graph : gtsam.NonlinearFactorGraph
+        Everything but the readings.
+    values : gtsam.Values
+        Start.
+    """
+    batch = _Batch(problem, graph)
+    estimate, weight = batch.robust_start(batch.at(values))
+    used = ~batch.gated | (batch.judged(estimate, weight, CAUCHY_K) <= batch.limit)
+    changed, rounds = True, 0
+    while changed and rounds < MAX_ROUNDS:
+        estimate = batch.solved(estimate, used)
+        squared = batch.judged(estimate, used.astype(float))
+        verdict = ~batch.gated | (squared <= batch.limit)
+        changed, used = bool(np.any(verdict != used)), verdict
+        rounds += 1
+        log.info("round %d: %d of %d readings rejected", rounds, np.sum(~used), len(used))
+    readings = batch.readings
+    return Settled(
+        values=estimate.values,
+        used=tuple(reading for reading, keep in zip(readings, used, strict=True) if keep),
+        factors=batch.factors(estimate, used),
+        rejections=tuple(
+            readings[i].rejection(float(np.sqrt(squared[i]))) for i in np.flatnonzero(~used)
+        ),
+        settled=not changed,
+    )
+
+
+@dataclass(frozen=True)
+class _Estimate:
+    """Values, and the readings' Gaussian factors as they are there."""
+
+    values: Any
+    made: list[Any]
+
+    @property
+    def squared(self) -> Array:
+        """Squared whitened residuals of the readings."""
+        return np.array([float(np.sum(f.whitenedError(self.values) ** 2)) for f in self.made])
+
+
+class _Batch:
+    """A problem with all of its readings."""
+
+    def __init__(self, problem: Problem, graph: Any) -> None:
+        self.problem = problem
+        self.graph = graph
+        self.readings = [reading for brought in problem.readings for reading in brought]
+        probability = [reading.gate_probability for reading in self.readings]
+        self.gated = np.array([p is not None for p in probability], dtype=bool)
+        self.limit = np.full(len(probability), np.inf)
+
+    def at(self, values: Any) -> _Estimate:
+        """The readings made anew at given values."""
+        made = [reading.make(values.atNavState) for reading in self.readings]
+        return _Estimate(values, made)
+
+    def factors(self, estimate: _Estimate, used: BoolArray, cauchy_k: float | None = None) -> Any:
+        """Factors of used readings: gated ones Gaussian, or under a Cauchy kernel."""
+        graph = gtsam.NonlinearFactorGraph()
+        for i in np.flatnonzero(used).tolist():
+            factor = estimate.made[i]
+            if not self.gated[i]:
+                factor = factors.robust(factor, factors.huber_kernel(self.readings[i].huber_k))
+            elif cauchy_k is not None:
+                factor = factors.robust(factor, factors.cauchy_kernel(cauchy_k))
+            graph.push_back(factor)
+        return graph
+
+    def robust_start(self, estimate: _Estimate) -> tuple[_Estimate, Array]:
+        """Solve under a Cauchy kernel that narrows from a width that lets every reading in.
+
+        Returns
+        -------
+        estimate : _Estimate
+        weight : ndarray
+            Of each reading in the last solve.
+        """
+        everything = np.ones(len(self.readings), dtype=bool)
+        scale = float(np.sqrt(np.max(estimate.squared[self.gated], initial=1.0))) / CAUCHY_K
+        while True:
+            scale = max(1.0, scale / NARROWING)
+            estimate = self._solved_once(estimate, everything, CAUCHY_K * scale)
+            if scale == 1.0:
+                return estimate, 1.0 / (1.0 + estimate.squared / CAUCHY_K**2)
+
+    def solved(self, estimate: _Estimate, used: BoolArray) -> _Estimate:
+        """Solve with Gaussian readings, made anew until that moves nothing any more."""
+        moved, rounds = np.inf, 0
+        while moved > STILL_M and rounds < MAX_ROUNDS:
+            before = self._positions(estimate.values)
+            estimate = self._solved_once(estimate, used)
+            moved = float(np.max(np.abs(self._positions(estimate.values) - before)))
+            rounds += 1
+        return estimate
+
+    def _solved_once(
+        self, estimate: _Estimate, used: BoolArray, cauchy_k: float | None = None
+    ) -> _Estimate:
+        for k in range(1, len(self.problem.t)):
+            self.problem.set_gravity(k, estimate.values.atNavState(X(k - 1)))
+        whole = gtsam.NonlinearFactorGraph(self.graph)
+        whole.push_back(self.factors(estimate, used, cauchy_k))
+        return self.at(solve_batch(whole, estimate.values, self.problem.is_stiff))
+
+    def _positions(self, values: Any) -> Array:
+        return np.array([values.atNavState(X(k)).position() for k in range(len(self.problem.t))])
+
+    def judged(self, estimate: _Estimate, weight: Array, cauchy_k: float | None = None) -> Array:
+        """Squared normalised residual of each gated reading by all others; fills in the limits.
+
+        Where the residual alone decides, the prediction's covariance is not computed: it can only
+        raise that of a reading in use, and lower that of another.
+        """
+        whole = gtsam.NonlinearFactorGraph(self.graph)
+        whole.push_back(self.factors(estimate, weight > 0, cauchy_k))
+        marginals = marginals_of(whole, estimate.values, self.problem.is_stiff)
+        squared = np.zeros(len(self.readings))
+        for i in np.flatnonzero(self.gated).tolist():
+            linear = estimate.made[i].linearize(estimate.values)
+            A, b = linear.jacobian()
+            rows = np.any(A != 0.0, axis=1)
+            probability = self.readings[i].gate_probability
+            assert probability is not None
+            squared[i] = float(b @ b)
+            self.limit[i] = chi2_limit(probability, int(np.sum(rows)))
+            clear = CLEAR_SHARE if weight[i] > 0.5 else 1.0 if weight[i] == 0.0 else 0.0
+            if squared[i] > clear * self.limit[i]:
+                P = _joint_covariance(marginals, list(linear.keys()))
+                squared[i] = _by_all_others(b[rows], A[rows] @ P @ A[rows].T, float(weight[i]))
+        return squared
+
+
+def _joint_covariance(marginals: Any, keys: list[int]) -> Array:
+    if len(keys) == 1:
+        return np.asarray(marginals.marginalCovariance(keys[0]))
+    joint = marginals.jointMarginalCovariance(keys)
+    return np.block([[joint.at(a, b) for b in keys] for a in keys])
+
+
+def _by_all_others(e: Array, M: Array, weight: float) -> float:
+    """See the module's docstring; M's eigenvalues are those of how much a reading predicts
+    itself."""
+    share, axes = np.linalg.eigh(0.5 * (M + M.T))
+    own = np.maximum(1.0 - weight * share, LEAST_OWN_SHARE)
+    along = axes.T @ e
+    return float(np.sum(along**2 / (own * (own + share))))
