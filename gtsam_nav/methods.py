@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 _METHODS = {
     "dr": "gtsam_nav.ekf.dead_reckoning",
     "ins-ekf": "gtsam_nav.ekf.ins",
+    "landmark-ekf": "gtsam_nav.ekf.landmark_slam",
     "scan-match": "gtsam_nav.ekf.scan_match",
     "pose-ekf": "gtsam_nav.ekf.pose_slam",
     "graph": "gtsam_nav.graph.estimator",

@@ -176,7 +176,7 @@ class ErrorStateFilter:
         left = -K @ H
         left.flat[:: self.size + 1] += 1.0
         P = left @ self.P @ left.T + K @ update.R @ K.T
-        self.P = _reset(0.5 * (P + P.T), error[THETA])
+        self.P = in_turned_axes(0.5 * (P + P.T), error[THETA])
         self.state = self.state.corrected(error[:SIZE])
         self.shared = self.shared + error[SIZE:]
         self._correction = compose(self._correction, error)
@@ -222,7 +222,7 @@ def _inverse(S: Array) -> Array | None:
     return np.asarray(inverse_root.T @ inverse_root)
 
 
-def _reset(P: Array, theta_b: Array) -> Array:
+def in_turned_axes(P: Array, theta_b: Array) -> Array:
     """Covariance in the axes that a correction has turned."""
     angle = _length(theta_b)
     if angle <= LARGE_TURN_RAD:

@@ -18,6 +18,8 @@ from gtsam_nav.mission import IntArray, Sensor
 from gtsam_nav.sensors.landmarks import Observation, Sighting, observe, place
 from gtsam_nav.sensors.prediction import BodyState
 
+MOST_ITERATIONS, NONLINEAR_SIGMAS = 5, 0.5
+"""Of an update, and how far from the straight line a prediction may end, in its noise's sigmas."""
 LOST_FACTOR = 2.0
 """By which the sigmas of a vehicle grow that no longer finds its landmarks."""
 
@@ -31,10 +33,13 @@ class Vehicle(Protocol):
         Number of its errors.
     pose : slice
         Those of them that say where it is and how it moves.
+    P_start : ndarray, shape (size, size)
+        Their covariance at the start.
     """
 
     size: int
     pose: slice
+    P_start: Array
 
     def advance(self) -> tuple[Array, Array]:
         """Go to the next time: transition and added noise of the errors, (size, size) each."""
@@ -55,8 +60,12 @@ class Vehicle(Protocol):
         ...
 
     def pose_cov(self, P: Array) -> Array:
-        """Covariance (n, 6, 6) of position and rotation along the navigation axes at all its times,
-        where that of its errors is P, shape (n, size, size)."""
+        """Covariance (6, 6) of position and rotation along the navigation axes, where that of its
+        errors is P."""
+        ...
+
+    def after(self, P: Array, error: Array) -> Array:
+        """The covariance of the whole state, its errors first, once this error is put right."""
         ...
 
 
@@ -84,16 +93,14 @@ class LandmarkFilter:
     Parameters
     ----------
     vehicle : Vehicle
-    P : ndarray, shape (size, size)
-        Covariance of its errors.
     sensor : Sensor
         That sees the landmarks.
     elevation : bool
         Whether it tells elevations.
     """
 
-    def __init__(self, vehicle: Vehicle, P: Array, sensor: Sensor, *, elevation: bool) -> None:
-        self.vehicle, self.P = vehicle, P.copy()
+    def __init__(self, vehicle: Vehicle, sensor: Sensor, *, elevation: bool) -> None:
+        self.vehicle, self.P = vehicle, vehicle.P_start.copy()
         self.sensor, self.elevation = sensor, elevation
         self.axes = 3 if elevation else 2
         self.landmarks: list[Landmark] = []
@@ -177,38 +184,68 @@ class LandmarkFilter:
     def update(self, measured: Array, noise: Array, landmarks: IntArray) -> None:
         """Correct all by sightings of now, (s, m) with covariances (s, m, m), of known landmarks.
 
+        An iterated update: where the correction is so large that the sightings are not linear over
+        it (a landmark that is near, a course long unobserved), they are linearised again at its
+        end. Bell and Cathey, IEEE Trans. Automatic Control 38(2), 1993.
+
         Raises
         ------
         numpy.linalg.LinAlgError
             Where the innovation covariance is singular; the state is what it was.
         """
-        observed = self._observe(landmarks)
         n, m = measured.shape
-        H = self._jacobian(observed, landmarks).reshape(n * m, -1)
         block = np.zeros((n, m, n, m))
         block[np.arange(n), :, np.arange(n)] = noise
-        self.correct(observed.residual(measured).ravel(), H, block.reshape(n * m, n * m))
+        R = block.reshape(n * m, n * m)
+        sigma = np.sqrt(np.diag(R))
+        residual, H = self._predicted(measured, landmarks)
+        error: Array = np.zeros(len(self.P))
+        for _ in range(MOST_ITERATIONS):
+            K = self._gain(H, R)
+            step = -K @ (residual - H @ error) - error
+            self._move(step)
+            error = error + step
+            expected, used = residual + H @ step, H
+            residual, H = self._predicted(measured, landmarks)
+            if np.all(np.abs(residual - expected) < NONLINEAR_SIGMAS * sigma):
+                break
+        self._contract(K, used, R, error)
 
-    def correct(self, residual: Array, H: Array, noise: Array) -> None:
-        """Kalman update by a residual (predicted less measured) with Jacobian H and its noise.
+    def _predicted(self, measured: Array, landmarks: IntArray) -> tuple[Array, Array]:
+        """Stacked residual and Jacobian of sightings at the state as it stands."""
+        observed = self._observe(landmarks)
+        H = self._jacobian(observed, landmarks)
+        return observed.residual(measured).ravel(), H.reshape(-1, len(self.P))
+
+    def correct(self, residual: Array, H: Array, R: Array) -> None:
+        """Kalman update by a residual (predicted less measured) with Jacobian H and covariance R.
 
         Raises
         ------
         numpy.linalg.LinAlgError
             Where the innovation covariance is singular; the state is what it was.
         """
-        PHt = self.P @ H.T
-        S = H @ PHt + noise
-        L = np.linalg.cholesky(0.5 * (S + S.T))
-        K = np.linalg.solve(L.T, np.linalg.solve(L, PHt.T)).T
+        K = self._gain(H, R)
         error = -K @ residual
-        # Joseph's (I - K H) P (I - K H)' + K R K'
-        left = np.eye(len(self.P)) - K @ H
-        P = left @ self.P @ left.T + K @ noise @ K.T
-        self.P = 0.5 * (P + P.T)
+        self._move(error)
+        self._contract(K, H, R, error)
+
+    def _gain(self, H: Array, R: Array) -> Array:
+        PHt = self.P @ H.T
+        S = H @ PHt + R
+        L = np.linalg.cholesky(0.5 * (S + S.T))
+        return np.asarray(np.linalg.solve(L.T, np.linalg.solve(L, PHt.T)).T)
+
+    def _move(self, error: Array) -> None:
         n = self.vehicle.size
         self.vehicle.correct(error[:n])
         self.p_n[:, : self.axes] += error[n:].reshape(-1, self.axes)
+
+    def _contract(self, K: Array, H: Array, R: Array, error: Array) -> None:
+        """Joseph's (I - K H) P (I - K H)' + K R K', in the axes that the correction leaves."""
+        left = np.eye(len(self.P)) - K @ H
+        P = left @ self.P @ left.T + K @ R @ K.T
+        self.P = self.vehicle.after(0.5 * (P + P.T), error[: self.vehicle.size])
 
     def widen(self) -> None:
         """Trust the vehicle's pose less: it has lost its landmarks."""

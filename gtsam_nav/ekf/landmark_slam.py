@@ -8,54 +8,26 @@ one lets the 15 errors of the strapdown filter take the place of the planar thre
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from gtsam_nav.config import Config
-from gtsam_nav.ekf.landmark_filter import LandmarkFilter, Vehicle
-from gtsam_nav.ekf.planar_vehicle import PlanarVehicle
+from gtsam_nav.ekf.inertial_vehicle import AidUpdates, InertialVehicle
+from gtsam_nav.ekf.landmark_filter import LandmarkFilter
+from gtsam_nav.ekf.landmark_outset import Outset, outset
 from gtsam_nav.ekf.sighting_updates import SightingUpdates
 from gtsam_nav.errors import DataError, EstimationError
 from gtsam_nav.frames import Array, quaternion_from_rotation
 from gtsam_nav.mission import LandmarkSeries, Mission, Sensor
-from gtsam_nav.preprocess.alignment import Alignment, align
-from gtsam_nav.preprocess.landmark_start import landmark_start
-from gtsam_nav.preprocess.planar_motion import PlanarMotion, planar_motion
 from gtsam_nav.solution import Innovations, LandmarkEstimates, Progress, Solution, StageClock
 from gtsam_nav.trajectory import Trajectory
 
-PRIOR_SIGMAS = 2.0
-"""A start that was found from sightings is doubted so much: the same sightings come again."""
+PROGRESS_EVERY = 1000
 
 NO_PLACE = (
-    "the first sightings do not tell where on the landmark map the mission begins: the map is not"
-    " used"
+    "nothing tells where on the map of surveyed landmarks the mission begins: the map is not used"
 )
-
-
-@dataclass(frozen=True)
-class Outset:
-    """What the filter starts from.
-
-    Attributes
-    ----------
-    start : Alignment
-    t : ndarray, shape (n,)
-        Times that the vehicle goes through.
-    vehicle : Vehicle
-        At the first of them.
-    P : ndarray, shape (size, size)
-        Covariance of its errors.
-    on_map : bool
-        Whether the start is known in the frame of the mission's landmark map.
-    """
-
-    start: Alignment
-    t: Array
-    vehicle: Vehicle
-    P: Array
-    on_map: bool
 
 
 def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
@@ -65,9 +37,10 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     ----------
     mission : Mission
         With sightings of landmarks, and with odometry, a DVL and a compass, or an IMU. Surveyed
-        landmarks are used with ``landmarks.use_map``; the start is searched on their map where the
-        mission does not state it.
+        landmarks are used with ``landmarks.use_map``; where the mission does not state its start,
+        a planar vehicle's is searched on their map.
     config : Config
+        ``landmark_ekf.motion`` chooses the vehicle, ``landmarks`` the treatment of the sightings.
     progress : Progress
 
     Raises
@@ -80,29 +53,31 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     clock = StageClock()
     with clock.stage("prepare"):
         sensor, series = _sightings(mission)
-        outset = _planar_outset(mission, series, config)
-        slam = LandmarkFilter(
-            outset.vehicle, outset.P, sensor, elevation=series.elevation is not None
-        )
-        surveyed = mission.landmark_map if outset.on_map else None
-        if surveyed is not None:
-            for id_, p_n, sigma in zip(surveyed.id, surveyed.p_n, surveyed.sigma, strict=True):
-                slam.survey(int(id_), p_n, float(sigma))
-        updates = SightingUpdates(slam, series, sensor.name, config.landmarks)
+        begin = outset(mission, series, config)
+        slam = LandmarkFilter(begin.vehicle, sensor, elevation=series.elevation is not None)
+        if begin.on_map:
+            _survey(slam, mission)
+        sightings = SightingUpdates(slam, series, sensor, config.landmarks)
     with clock.stage("filter"):
-        trajectory = _run(slam, updates, outset.t, progress)
-        updates.finish()
-    start, unplaced = outset.start, config.landmarks.use_map and mission.landmark_map is not None
-    t_nis, nis = updates.nis()
+        aids = _aid_updates(slam, begin)
+        trajectory = _run(slam, sightings, aids, begin, progress)
+        sightings.finish()
+    lacks_map = config.landmarks.use_map and mission.landmark_map is not None and not begin.on_map
     return Solution(
         method="landmark-ekf",
         trajectory=trajectory,
         mission=mission,
-        georeferenced=start.georeferenced and start.heading_known,
-        rejections=(*mission.rejections, *updates.rejections),
-        warnings=(*mission.warnings, *([NO_PLACE] if unplaced and not outset.on_map else [])),
-        innovations={sensor.name: Innovations(t_nis, nis, slam.axes)} if len(nis) else {},
+        georeferenced=begin.georeferenced,
+        rejections=(
+            *mission.rejections,
+            *begin.rejections,
+            *sightings.rejections,
+            *(() if aids is None else aids.rejections),
+        ),
+        warnings=(*mission.warnings, *([NO_PLACE] if lacks_map else [])),
+        innovations=_innovations(sensor, slam, sightings, aids),
         landmarks=_landmarks(slam),
+        gnss_used=begin.gnss_used + (0 if aids is None else aids.fixes_used),
         stage_s=clock.seconds,
     )
 
@@ -118,82 +93,83 @@ def _sightings(mission: Mission) -> tuple[Sensor, LandmarkSeries]:
     return sensor, sensor.series
 
 
-def _planar_outset(mission: Mission, series: LandmarkSeries, config: Config) -> Outset:
-    motion = planar_motion(mission, config.motion)
-    if motion is None:
-        raise DataError(
-            f"mission '{mission.name}': landmark-ekf needs a DVL or odometry, or an IMU"
-            f" (landmark_ekf.motion = auto, odometry or ins); the mission has:"
-            f" {', '.join(sorted(mission.sensors))}"
+def _survey(slam: LandmarkFilter, mission: Mission) -> None:
+    surveyed = mission.landmark_map
+    assert surveyed is not None
+    for id_, p_n, sigma in zip(surveyed.id, surveyed.p_n, surveyed.sigma, strict=True):
+        slam.survey(int(id_), p_n, float(sigma))
+
+
+def _aid_updates(slam: LandmarkFilter, begin: Outset) -> AidUpdates | None:
+    if not isinstance(begin.vehicle, InertialVehicle):
+        return None
+    return AidUpdates(slam, begin.vehicle, begin.aids)
+
+
+@dataclass
+class Track:
+    """The states as they are recorded."""
+
+    R_nb: list[Array] = field(default_factory=list)
+    p_n: list[Array] = field(default_factory=list)
+    v_n: list[Array] = field(default_factory=list)
+    cov: list[Array] = field(default_factory=list)
+
+    def record(self, slam: LandmarkFilter) -> None:
+        """Add the state of now."""
+        body = slam.vehicle.body
+        self.R_nb.append(body.R_nb)
+        self.p_n.append(body.p_n)
+        self.v_n.append(body.v_n)
+        self.cov.append(slam.vehicle.pose_cov(slam.vehicle_cov))
+
+    def trajectory(self, t: Array) -> Trajectory:
+        """As a trajectory at the times of the records."""
+        p_n, cov = np.array(self.p_n), np.array(self.cov)
+        if not (np.all(np.isfinite(p_n)) and np.all(np.isfinite(cov))):
+            raise EstimationError("landmark-ekf diverged: the state is not finite")
+        return Trajectory(
+            t=t,
+            p_n=p_n,
+            q_nb_wxyz=quaternion_from_rotation(np.array(self.R_nb)),
+            v_n=np.array(self.v_n),
+            cov_pose_n=cov,
         )
-    start, on_map = _planar_start(mission, motion, config)
-    t = _times(start.t, mission.span_s[1], config.motion.rate_hz, series)
-    vehicle = PlanarVehicle(mission, motion, start, t)
-    return Outset(start, t, vehicle, vehicle.P_start, on_map)
-
-
-def _planar_start(mission: Mission, motion: PlanarMotion, config: Config) -> tuple[Alignment, bool]:
-    """Where the mission begins, and whether that is known on the map of surveyed landmarks."""
-    stated = align(mission)
-    if not config.landmarks.use_map or mission.landmark_map is None:
-        return _local(stated), False
-    if mission.initial.p_n is not None and stated.heading_known:
-        return stated, True
-    found = landmark_start(mission, motion, config.landmarks)
-    if found is None:
-        return _local(stated), False
-    doubted = replace(
-        found,
-        sigma_p=PRIOR_SIGMAS * found.sigma_p,
-        sigma_rpy=found.sigma_rpy * [1.0, 1.0, PRIOR_SIGMAS],
-    )
-    return doubted, True
-
-
-def _local(start: Alignment) -> Alignment:
-    """A start that is merely the frame's zero is known without error."""
-    sigma_p = start.sigma_p if start.georeferenced else np.append(np.zeros(2), start.sigma_p[2])
-    sigma_yaw = start.sigma_rpy[2] if start.heading_known else 0.0
-    return replace(start, sigma_p=sigma_p, sigma_rpy=np.append(start.sigma_rpy[:2], sigma_yaw))
-
-
-def _grid(start_s: float, stop_s: float, rate_hz: float) -> Array:
-    t = start_s + np.arange(int((stop_s - start_s) * rate_hz) + 2) * (1.0 / rate_hz)
-    return np.asarray(t[t <= stop_s], dtype=float)
-
-
-def _times(start_s: float, stop_s: float, rate_hz: float, series: LandmarkSeries) -> Array:
-    """When the state is recorded, and when something is seen."""
-    seen = series.t[(series.t >= start_s) & (series.t <= stop_s)]
-    return np.union1d(_grid(start_s, stop_s, rate_hz), seen)
 
 
 def _run(
-    slam: LandmarkFilter, updates: SightingUpdates, t: Array, progress: Progress
+    slam: LandmarkFilter,
+    sightings: SightingUpdates,
+    aids: AidUpdates | None,
+    begin: Outset,
+    progress: Progress,
 ) -> Trajectory:
     """Go through all times; the trajectory has the state after the updates of each."""
-    R_nb, p_n, v_n = np.empty((len(t), 3, 3)), np.empty((len(t), 3)), np.empty((len(t), 3))
-    P = np.empty((len(t), *slam.vehicle_cov.shape))
-    first, last = (np.searchsorted(updates.series.t, t, side=side) for side in ("left", "right"))
+    t, track = begin.t, Track()
+    first, last = (np.searchsorted(sightings.series.t, t, side=s) for s in ("left", "right"))
     for k in range(len(t)):
         if k:
             slam.advance()
+        if aids is not None:
+            aids.take_all(float(t[k]))
         if last[k] > first[k]:
-            updates.take(np.arange(first[k], last[k]))
-        body = slam.vehicle.body
-        R_nb[k], p_n[k], v_n[k], P[k] = body.R_nb, body.p_n, body.v_n, slam.vehicle_cov
-        if k % 1000 == 0:
+            sightings.take(np.arange(first[k], last[k]))
+        track.record(slam)
+        if k % PROGRESS_EVERY == 0:
             progress("landmark filter", k / len(t))
-    if not np.all(np.isfinite(p_n)) or not np.all(np.isfinite(P)):
-        raise EstimationError("landmark-ekf diverged: the state is not finite")
     progress("landmark filter", 1.0)
-    return Trajectory(
-        t=t,
-        p_n=p_n,
-        q_nb_wxyz=quaternion_from_rotation(R_nb),
-        v_n=v_n,
-        cov_pose_n=slam.vehicle.pose_cov(P),
-    )
+    return track.trajectory(t)
+
+
+def _innovations(
+    sensor: Sensor, slam: LandmarkFilter, sightings: SightingUpdates, aids: AidUpdates | None
+) -> dict[str, Innovations]:
+    """Normalised innovations squared of what was used, by sensor."""
+    found = {} if aids is None else aids.innovations()
+    t, nis = sightings.nis()
+    if len(nis):
+        found[sensor.name] = Innovations(t, nis, slam.axes)
+    return found
 
 
 def _landmarks(slam: LandmarkFilter) -> LandmarkEstimates:

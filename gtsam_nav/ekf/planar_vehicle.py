@@ -107,21 +107,24 @@ class PlanarVehicle:
         return jacobian
 
     def pose_cov(self, P: Array) -> Array:
-        """Covariance (n, 6, 6) of position and rotation along the navigation axes at all times.
+        """Covariance (6, 6) of position and rotation along the navigation axes.
 
         Depth, roll and pitch are as uncertain as their sensors.
 
         Parameters
         ----------
-        P : ndarray, shape (n, 5, 5)
+        P : ndarray, shape (5, 5)
             Of the state.
         """
-        cov = np.zeros((len(P), 6, 6))
-        planar = np.array([0, 1, 5])
-        cov[:, planar[:, None], planar] = P[:, :3, :3]
-        cov[:, 2, 2] = self._sigma_depth**2
-        cov[:, 3, 3] = cov[:, 4, 4] = self._sigma_tilt**2
+        cov = np.diag([0.0, 0.0, self._sigma_depth[self._k], *[self._sigma_tilt[self._k]] * 2, 0.0])
+        cov **= 2
+        cov[np.ix_([0, 1, 5], [0, 1, 5])] = P[:3, :3]
         return cov
+
+    def after(self, P: Array, error: Array) -> Array:
+        """The same covariance: the errors are along fixed axes."""
+        del error
+        return P
 
 
 def _depths(mission: Mission, start: Alignment, t: Array) -> tuple[Array, Array]:

@@ -15,8 +15,9 @@ from numpy.linalg import LinAlgError
 from gtsam_nav.ekf.association import NONE, Comparison, joint, nearest
 from gtsam_nav.ekf.landmark_filter import Landmark, LandmarkFilter
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import IntArray, LandmarkSeries, Rejection
-from gtsam_nav.sensors.landmarks import measurements, sighting, trusted_ids
+from gtsam_nav.mission import IntArray, LandmarkSeries, Rejection, Sensor
+from gtsam_nav.sensors.landmarks import measurements, sighting, trusted_ids, variance_factors
+from gtsam_nav.sensors.noise import LandmarkNoise
 from gtsam_nav.sensors.prediction import chi2_limit
 from gtsam_nav.sensors.settings import LandmarkSettings
 
@@ -29,8 +30,8 @@ SINGULAR = "singular innovation covariance"
 
 FORGET_AFTER = 50
 """Moments within which a landmark without an id must be seen again."""
-LOST_AFTER = 5
-"""After so many moments in a row without a sighting that fits, the vehicle's pose is doubted."""
+LOST_AFTER = 4
+"""After so many sightings in a row none of which fits, the vehicle's pose is doubted."""
 LEAST_RANGE_SIGMAS = 3.0
 """A nearer landmark has no direction to be placed in."""
 
@@ -78,8 +79,8 @@ class SightingUpdates:
     ----------
     slam : LandmarkFilter
     series : LandmarkSeries
-    sensor : str
-        Name, for the rejections.
+    sensor : Sensor
+        For its name and its noise.
     settings : LandmarkSettings
 
     Attributes
@@ -90,11 +91,17 @@ class SightingUpdates:
     """
 
     def __init__(
-        self, slam: LandmarkFilter, series: LandmarkSeries, sensor: str, settings: LandmarkSettings
+        self,
+        slam: LandmarkFilter,
+        series: LandmarkSeries,
+        sensor: Sensor,
+        settings: LandmarkSettings,
     ) -> None:
-        self.slam, self.series, self.sensor, self.settings = slam, series, sensor, settings
+        self.slam, self.series, self.sensor, self.settings = slam, series, sensor.name, settings
+        noise = LandmarkNoise.model_validate(sensor.noise)
         self.ids = trusted_ids(series, settings)
         self.measured, self.noise = measurements(series)
+        self.noise = self.noise * variance_factors(series.t, noise)[:, None, None]
         self.gate = chi2_limit(settings.gate_probability, slam.axes)
         self.new_gate = chi2_limit(settings.new_probability, slam.axes)
         self.known = [Acquaintance(0, 0) for _ in slam.landmarks]
@@ -207,12 +214,11 @@ class SightingUpdates:
 
     def _doubt_the_pose(self, verdicts: list[Verdict]) -> None:
         """A vehicle that slipped or was carried must find its landmarks again."""
+        self.missed += sum(v.reason in (GATED, UNSUITED) for v in verdicts)
         if any(v.is_update for v in verdicts):
             self.missed = 0
-        elif any(v.reason in (GATED, UNSUITED) for v in verdicts):
-            self.missed += 1
-            if self.missed >= LOST_AFTER:
-                self.slam.widen()
+        elif self.missed >= LOST_AFTER:
+            self.slam.widen()
 
     def _forget(self) -> None:
         """Drop what has no id and was not seen again soon."""

@@ -47,7 +47,7 @@ class Backend:
         self.problem = problem
         self.entries: list[SensorFactor] = []
         # a first sighting ties a landmark to the vehicle alone
-        self._isam = _isam2(problem.is_stiff or bool(problem.landmarks))
+        self._isam = _isam2(problem.is_stiff or (problem.uses_imu and bool(problem.landmarks)))
         self._new_factors = gtsam.NonlinearFactorGraph()
         self._new_values = gtsam.Values()
         self._last_state: Any = None
@@ -70,10 +70,9 @@ class Backend:
             self._new_factors.add(self._online_factor(reading))
 
     def _online_factor(self, reading: Reading) -> Any:
-        factor = reading.make(self._state_at)
-        if reading.gate_probability is None:
-            return factors.robust(factor, factors.huber_kernel(reading.huber_k))
-        return factors.robust(factor, factors.cauchy_kernel(ONLINE_CAUCHY_K))
+        is_doubtful = reading.gate_probability is not None
+        kernel = factors.cauchy_kernel(ONLINE_CAUCHY_K) if is_doubtful else reading.kernel
+        return factors.robust(reading.make(self._state_at), kernel)
 
     def _state_at(self, key: int) -> Any:
         if self._new_values.exists(key):

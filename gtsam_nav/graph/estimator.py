@@ -31,6 +31,7 @@ from gtsam_nav.graph.settling import settle
 from gtsam_nav.mission import ImuSeries, Mission
 from gtsam_nav.preprocess.alignment import Alignment, align
 from gtsam_nav.preprocess.inertial_motion import inertial_motion
+from gtsam_nav.preprocess.landmark_start import landmark_start
 from gtsam_nav.preprocess.motion import (
     VehicleMotion,
     measures_velocity,
@@ -38,6 +39,7 @@ from gtsam_nav.preprocess.motion import (
     turn_onto_fixes,
     vehicle_motion,
 )
+from gtsam_nav.preprocess.planar_motion import planar_motion
 from gtsam_nav.solution import Progress, Solution, StageClock
 from gtsam_nav.sonar.echoes import Echoes
 from gtsam_nav.sonar.motion import PlanarMotion
@@ -49,6 +51,7 @@ from gtsam_nav.sonar.preparation import (
     sonar_turns,
 )
 
+MAP_START_SIGMAS = 10.0
 ROLLING_INTERVAL_S = 0.25
 """Longest time between keyframes of a vehicle on wheels: each is held to its course."""
 
@@ -132,10 +135,15 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
 
 
 def _start_and_motion(mission: Mission, config: Config) -> tuple[Alignment, VehicleMotion]:
-    """Alignment and motion, drawn onto the fixes; without a compass these turn it too."""
+    """Alignment and motion, drawn onto the fixes or the surveyed landmarks.
+
+    Without a compass the fixes turn the motion too.
+    """
     start = align(mission)
     if not measures_velocity(mission):
         return start, inertial_motion(mission, start, config.motion)
+    if not start.georeferenced and config.landmarks.use_map:
+        start = _start_on_map(mission, config) or start
     motion = vehicle_motion(mission, start, config.motion)
     if start.georeferenced and not start.heading_known:
         turn = turn_onto_fixes(mission, motion)
@@ -148,6 +156,19 @@ def _start_and_motion(mission: Mission, config: Config) -> tuple[Alignment, Vehi
         start = replace(start, p_n=start.p_n + offset)
         motion = replace(motion, p_n=motion.p_n + offset)
     return start, motion
+
+
+def _start_on_map(mission: Mission, config: Config) -> Alignment | None:
+    """The start that the first sightings of surveyed landmarks tell, vague: they are used again."""
+    if mission.landmark_map is None or mission.first("landmarks") is None:
+        return None
+    motion = planar_motion(mission, config.motion)
+    start = None if motion is None else landmark_start(mission, motion, config.landmarks)
+    if start is None:
+        return None
+    return replace(
+        start, sigma_p=MAP_START_SIGMAS * start.sigma_p, sigma_rpy=MAP_START_SIGMAS * start.sigma_rpy
+    )
 
 
 def _keyframe_times(mission: Mission, t_scans: Array, config: Config) -> Array:

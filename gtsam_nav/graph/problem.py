@@ -44,10 +44,11 @@ class Reading:
     gate_probability : float or None
         An outlier lies beyond what a chi-square variable exceeds with one minus this probability;
         None is never one.
-    huber_k : float
-        Kernel of what is never an outlier.
     reason : str
         What is said of an outlier.
+    huber_k, cauchy_k : float or None
+        Kernel it keeps in the final solution, Gaussian without either: Cauchy's for what has heavy
+        tails within its gate.
     """
 
     t: float
@@ -55,8 +56,16 @@ class Reading:
     index: int
     make: Callable[[StateAt], Any]
     gate_probability: float | None
-    huber_k: float
     reason: str
+    huber_k: float | None = None
+    cauchy_k: float | None = None
+
+    @property
+    def kernel(self) -> Any:
+        """Its m-estimator in the final solution; None for least squares."""
+        if self.huber_k is not None:
+            return factors.huber_kernel(self.huber_k)
+        return None if self.cauchy_k is None else factors.cauchy_kernel(self.cauchy_k)
 
     def rejection(self, normalised_residual: float) -> Rejection:
         """The record of an outlier."""

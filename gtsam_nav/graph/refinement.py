@@ -36,6 +36,8 @@ MAX_LAG = 30
 SHARED_ERROR_EVERY = 5
 """Iterations between two measurements of how far echoes err together."""
 MAX_RELINEARISATIONS = 6
+MAX_STEPS = 25
+"""Without a sonar; reweighed least squares under a kernel takes its time."""
 CONVERGED_STEP = 1e-3
 MAX_KNOT_SPACING_S = 20.0
 """Where scans are further apart, the keyframes between them are knots too."""
@@ -91,7 +93,7 @@ class Refined:
 def refine_without_sonar(graph: Any, values: Any, problem: Problem) -> Refined:
     """Gauss-Newton with the velocity's constant errors, which the batch solve leaves out."""
     largest, count = np.inf, 0
-    while largest > CONVERGED_STEP and count < MAX_RELINEARISATIONS:
+    while largest > CONVERGED_STEP and count < MAX_STEPS:
         posterior = sensor_posterior(graph, values, np.empty(0, dtype=np.int64), problem)
         values = posterior.retracted(posterior.mean)
         largest = float(np.max(np.abs(posterior.mean)))

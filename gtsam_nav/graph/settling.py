@@ -75,12 +75,14 @@ def settle(problem: Problem, graph: Any, values: Any) -> Settled:
         Start.
     """
     batch = _Batch(problem, graph)
-    estimate, weight = batch.robust_start(batch.at(values))
+    estimate = batch.robust_start(batch.at(values))
+    everything = np.ones(len(batch.readings), dtype=bool)
+    weight = batch.weights(estimate, everything, CAUCHY_K)
     used = ~batch.gated | (batch.judged(estimate, weight, CAUCHY_K) <= batch.limit)
     changed, rounds = True, 0
     while changed and rounds < MAX_ROUNDS:
         estimate = batch.solved(estimate, used)
-        squared = batch.judged(estimate, used.astype(float))
+        squared = batch.judged(estimate, batch.weights(estimate, used))
         verdict = ~batch.gated | (squared <= batch.limit)
         changed, used = bool(np.any(verdict != used)), verdict
         rounds += 1
@@ -127,33 +129,31 @@ class _Batch:
         return _Estimate(values, made)
 
     def factors(self, estimate: _Estimate, used: BoolArray, cauchy_k: float | None = None) -> Any:
-        """Factors of used readings: gated ones Gaussian, or under a Cauchy kernel."""
+        """Factors of used readings under their own kernels, or the gated ones under Cauchy's."""
         graph = gtsam.NonlinearFactorGraph()
         for i in np.flatnonzero(used).tolist():
+            kernel = self.readings[i].kernel
+            if self.gated[i] and cauchy_k is not None:
+                kernel = factors.cauchy_kernel(cauchy_k)
             factor = estimate.made[i]
-            if not self.gated[i]:
-                factor = factors.robust(factor, factors.huber_kernel(self.readings[i].huber_k))
-            elif cauchy_k is not None:
-                factor = factors.robust(factor, factors.cauchy_kernel(cauchy_k))
-            graph.push_back(factor)
+            graph.push_back(factor if kernel is None else factors.robust(factor, kernel))
         return graph
 
-    def robust_start(self, estimate: _Estimate) -> tuple[_Estimate, Array]:
-        """Solve under a Cauchy kernel that narrows from a width that lets every reading in.
+    def weights(self, estimate: _Estimate, used: BoolArray, cauchy_k: float | None = None) -> Array:
+        """Weight of each gated reading in a solution: zero for what is not used."""
+        own = [reading.cauchy_k or np.inf for reading in self.readings]
+        k = np.array(own) if cauchy_k is None else np.full(len(own), cauchy_k)
+        return np.asarray(used / (1.0 + estimate.squared / k**2))
 
-        Returns
-        -------
-        estimate : _Estimate
-        weight : ndarray
-            Of each reading in the last solve.
-        """
+    def robust_start(self, estimate: _Estimate) -> _Estimate:
+        """Solve under a Cauchy kernel that narrows from a width that lets every reading in."""
         everything = np.ones(len(self.readings), dtype=bool)
         scale = float(np.sqrt(np.max(estimate.squared[self.gated], initial=1.0))) / CAUCHY_K
         while True:
             scale = max(1.0, scale / NARROWING)
             estimate = self._solved_once(estimate, everything, CAUCHY_K * scale)
             if scale == 1.0:
-                return estimate, 1.0 / (1.0 + estimate.squared / CAUCHY_K**2)
+                return estimate
 
     def solved(self, estimate: _Estimate, used: BoolArray) -> _Estimate:
         """Solve with Gaussian readings, made anew until that moves nothing any more."""
@@ -195,7 +195,7 @@ class _Batch:
             assert probability is not None
             squared[i] = float(b @ b)
             self.limit[i] = chi2_limit(probability, int(np.sum(rows)))
-            clear = CLEAR_SHARE if weight[i] > 0.5 else 1.0 if weight[i] == 0.0 else 0.0
+            clear = CLEAR_SHARE if weight[i] > 0.0 else 1.0
             if squared[i] > clear * self.limit[i]:
                 P = _joint_covariance(marginals, list(linear.keys()))
                 squared[i] = _by_all_others(b[rows], A[rows] @ P @ A[rows].T, float(weight[i]))

@@ -101,8 +101,8 @@ class Speeds:
 def planar_motion(mission: Mission, settings: MotionSettings) -> PlanarMotion | None:
     """Dead-reckon a mission in the plane; None where nothing measures its speed.
 
-    Each reading's error holds until the next: white noise of that step. Over a silence the speed
-    walks away as ``settings`` say.
+    The readings' errors are white at their usual rate. Over a silence the speed walks away as
+    ``settings`` say.
 
     Raises
     ------
@@ -118,7 +118,7 @@ def planar_motion(mission: Mission, settings: MotionSettings) -> PlanarMotion | 
     c, s, dt = np.cos(course), np.sin(course), np.diff(t)
     v = np.column_stack([c * v_b[:, 0] - s * v_b[:, 1], s * v_b[:, 0] + c * v_b[:, 1]])
     steps = 0.5 * (v[1:] + v[:-1]) * dt[:, None]
-    walk = (sigma_v[:-1] * dt) ** 2 + settings.sigma_accel_m_s2**2 * dt**3 / 3
+    walk = _walk(sigma_v, dt) + settings.sigma_accel_m_s2**2 * dt**3 / 3
     variance = np.column_stack([_summed(walk), _summed(walk), course_variance])
     return PlanarMotion(
         t,
@@ -129,6 +129,11 @@ def planar_motion(mission: Mission, settings: MotionSettings) -> PlanarMotion | 
         readings.scale_sigma,
         0.0 if is_heading else _curvature_sigma(mission),
     )
+
+
+def _walk(sigma: Array, dt: Array) -> Array:
+    """Variance that white noise adds up to in each step."""
+    return np.asarray(sigma[:-1] ** 2 * np.median(dt) * dt)
 
 
 def _summed(steps: Array) -> Array:
@@ -189,7 +194,7 @@ def _course(mission: Mission, t: Array, settings: MotionSettings) -> tuple[Array
     t_rate, rate, sigma = _held_to(t_rate, rate[:, None], sigma, t[0], t[-1])
     dt = np.diff(t_rate)
     turned = _summed(0.5 * (rate[1:, 0] + rate[:-1, 0]) * dt)
-    walk = (sigma[:-1] * dt) ** 2 + settings.sigma_yaw_accel_rad_s2**2 * dt**3 / 3
+    walk = _walk(sigma, dt) + settings.sigma_yaw_accel_rad_s2**2 * dt**3 / 3
     return np.interp(t, t_rate, turned), np.interp(t, t_rate, _summed(walk)), False
 
 

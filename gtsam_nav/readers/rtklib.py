@@ -11,6 +11,7 @@ Stamps are GPS time until `on_mission_time`; ``start_utc`` knows of the leap sec
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -89,11 +90,22 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
         start_utc=-leap_seconds(float(np.median(stamps))),
         constraints=card.constraints.to_constraints(),
         rejections=tuple(rejections),
-        warnings=tuple(warnings),
+        warnings=(*warnings, *_borrowed(files, card)),
         sources=(files.pos, files.csv, files.tag),
     )
     offsets = {name: card.sensors[name].time_offset_s for name in cleaned}
     return on_mission_time(mission, offsets)
+
+
+def _borrowed(files: _Files, card: Card) -> tuple[str, ...]:
+    """What to tell of a log that the card was not written for."""
+    digest = hashlib.sha256(files.tag.read_bytes()).hexdigest()
+    if digest in {file.sha256 for file in card.files}:
+        return ()
+    return (
+        f"{files.pos.name}: mounting, clock offset, noise and motion constraints are taken from the"
+        f" card of '{card.name}', as if the same vehicle had recorded it",
+    )
 
 
 def _mounted(

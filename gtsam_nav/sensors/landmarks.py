@@ -18,6 +18,7 @@ import numpy as np
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, skew, wrap_angle
 from gtsam_nav.mission import BoolArray, IntArray, LandmarkSeries, Sensor
+from gtsam_nav.sensors.noise import LandmarkNoise
 from gtsam_nav.sensors.prediction import BodyState, Prediction
 from gtsam_nav.sensors.settings import LandmarkSettings
 
@@ -127,6 +128,30 @@ def polar(series: LandmarkSeries) -> Polar:
         lacking = "range" if range_m is None else "bearing"
         raise DataError(f"sightings of landmarks without a {lacking} cannot be used: give both")
     return Polar(range_m, bearing, sigma_range, sigma_bearing)
+
+
+def variance_factors(t: Array, noise: LandmarkNoise) -> Array:
+    """By how much the variance of each sighting grows because earlier ones share its error.
+
+    A mean of n values that correlate by rho_ij has the variance of one that does not, times one
+    plus twice the sum of the correlations with those before: what a filter that takes every
+    sighting for independent must allow for.
+
+    Parameters
+    ----------
+    t : ndarray, shape (n,)
+        Rising times, s.
+    noise : LandmarkNoise
+
+    Returns
+    -------
+    ndarray, shape (n,)
+    """
+    earlier = np.zeros(len(t))
+    forgotten = np.exp(-np.diff(t) / noise.correlation_time_s)
+    for k, kept in enumerate(forgotten.tolist(), start=1):
+        earlier[k] = kept * (earlier[k - 1] + 1.0)
+    return np.asarray(1.0 + 2.0 * noise.correlated_share * earlier)
 
 
 def sighting(series: LandmarkSeries, k: int) -> Sighting:

@@ -100,10 +100,17 @@ class GnssNoise(Settings):
 
 
 class LandmarkNoise(Settings):
-    """Noise of landmark observations where the file states none."""
+    """Noise of landmark observations where the file states none.
+
+    Successive sightings may share part of their error, whatever they are of (late stamps, the
+    camera's mounting, slip between them): ``correlated_share`` is the share of the variance that
+    they do, forgetting itself over ``correlation_time_s``.
+    """
 
     sigma_range_m: float = Field(default=0.5, gt=0)
     sigma_bearing_deg: float = Field(default=2.0, gt=0)
+    correlated_share: float = Field(default=0.0, ge=0, lt=1)
+    correlation_time_s: float = Field(default=3.0, gt=0)
 
 
 class SonarNoise(Settings):

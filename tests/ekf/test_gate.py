@@ -74,3 +74,19 @@ def test_the_offset_is_that_of_the_run_by_now() -> None:
 
 def test_without_a_probability_everything_passes() -> None:
     assert judged(np.full((3, 2), 1e6), gate=Gate(None)) == ["accept"] * 3
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_lost_filter_gets_back_although_outliers_go_on(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    lost = np.tile([50.0, -20.0], (60, 1)) + rng.normal(scale=SIGMA, size=(60, 2))
+    outliers = rng.random(60) < 0.1
+    lost[outliers] += rng.uniform(-100, 100, size=(outliers.sum(), 2))
+    assert "reopen" in judged(lost)
+
+
+def test_outliers_of_long_ago_do_not_lock_it() -> None:
+    rng = np.random.default_rng(3)
+    burst = rng.uniform(-100, 100, size=(15, 2))
+    lost = np.tile([50.0, -20.0], (30, 1)) + rng.normal(scale=SIGMA, size=(30, 2))
+    assert "reopen" in judged(np.concatenate([burst, lost]))

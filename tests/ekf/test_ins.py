@@ -382,7 +382,7 @@ def test_navigation_grade_gyros_find_north() -> None:
 @pytest.mark.slow
 @pytest.mark.realdata
 @pytest.mark.parametrize(
-    ("nonholonomic", "median_m", "worst_m"), [("false", 7.0, 25.0), ("true", 2.5, 15.0)]
+    ("nonholonomic", "median_m", "worst_m"), [("false", 7.0, 25.0), ("true", 2.5, 10.0)]
 )
 def test_a_car_coasts_through_gaps_of_its_fixes(
     recorded_data: Path, nonholonomic: str, median_m: float, worst_m: float

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gtsam_nav.graph.keyframes import MIN_SPACING_S, keyframe_times
+from gtsam_nav.graph.keyframes import MIN_SPACING_S, keyframe_times, merged_anchors
 
 
 @given(
@@ -45,3 +45,17 @@ def test_scan_beside_an_end_takes_its_place() -> None:
 def test_scans_on_the_ends_change_nothing() -> None:
     t = keyframe_times(0.0, 10.0, np.array([0.0, 10.0]), 20.0)
     np.testing.assert_allclose(t, [0.0, 10.0])
+
+
+def test_anchors_of_the_first_list_come_first() -> None:
+    scans, fixes = np.array([1.0, 2.0]), np.array([0.5, 1.05, 1.98, 3.0])
+    np.testing.assert_allclose(merged_anchors([scans, fixes], 0.1), [0.5, 1.0, 2.0, 3.0])
+    np.testing.assert_allclose(merged_anchors([fixes, scans], 0.1), [0.5, 1.05, 1.98, 3.0])
+
+
+@given(st.lists(st.lists(st.floats(0.0, 20.0), max_size=30), max_size=3))
+def test_anchors_keep_their_distance_and_leave_out_nothing_else(groups: list[list[float]]) -> None:
+    merged = merged_anchors([np.array(group) for group in groups], 0.1)
+    assert np.all(np.diff(merged) >= 0.1 - 1e-12)
+    for t in (t for group in groups for t in group):
+        assert np.min(np.abs(merged - t)) < 0.1

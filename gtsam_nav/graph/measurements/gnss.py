@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypedDict
 
 import gtsam
 import numpy as np
@@ -21,6 +21,11 @@ from gtsam_nav.sensors.rates import angular_rate_b
 POSITION_OUTLIER, VELOCITY_OUTLIER = "position outlier", "velocity outlier"
 CARRIED_ACCELERATION_M_S2 = 0.3
 """What the motion's acceleration may be wrong by, that carries a velocity to a keyframe."""
+
+
+class _Treatment(TypedDict):
+    gate_probability: float | None
+    huber_k: float | None
 
 
 def add(problem: Problem, mission: Mission, config: Config) -> None:
@@ -70,18 +75,23 @@ def _add_positions(
             arm_n = state_at(X(k)).attitude().matrix() @ gnss.xyz_b
             return factors.gnss_with_error(error_key(number, k), X(k), p_n[i] - arm_n, sigma[i])
 
-        probability = settings.position_gate_probability if settings.reject_outliers else None
         problem.readings[k].append(
             Reading(
                 t=float(series.t[i]),
                 sensor=gnss.name,
                 index=int(series.row[i]),
                 make=make,
-                gate_probability=probability,
-                huber_k=settings.huber_k,
                 reason=POSITION_OUTLIER,
+                **_treatment(settings, settings.position_gate_probability),
             )
         )
+
+
+def _treatment(settings: GnssSettings, gate_probability: float) -> _Treatment:
+    """Least squares on what passes its gate; without a gate, Huber on all."""
+    if settings.reject_outliers:
+        return {"gate_probability": gate_probability, "huber_k": None}
+    return {"gate_probability": None, "huber_k": settings.huber_k}
 
 
 def _carried(problem: Problem, gnss: Sensor, series: GnssSeries, keyframe: IntArray) -> Array:
@@ -146,15 +156,13 @@ def _add_velocities(
             R_nb = state_at(X(k)).attitude().matrix()
             return factors.gnss_velocity(X(k), v_n[i], turning_b[i], R_nb, sigma[i])
 
-        probability = settings.velocity_gate_probability if settings.reject_outliers else None
         problem.readings[k].append(
             Reading(
                 t=float(series.t[i]),
                 sensor=gnss.name,
                 index=int(series.row[i]),
                 make=make,
-                gate_probability=probability,
-                huber_k=settings.huber_k,
                 reason=VELOCITY_OUTLIER,
+                **_treatment(settings, settings.velocity_gate_probability),
             )
         )

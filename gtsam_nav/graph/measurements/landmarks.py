@@ -94,8 +94,8 @@ def _add_sightings(problem: Problem, mission: Mission, sensor: Sensor, config: C
                 index=row,
                 make=seen.make,
                 gate_probability=config.landmarks.gate_probability,
-                huber_k=config.graph.huber_k,
                 reason="sighting outlier",
+                cauchy_k=config.graph.sighting_cauchy_k,
             )
         )
 

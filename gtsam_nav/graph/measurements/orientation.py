@@ -90,8 +90,8 @@ def _add_headings(problem: Problem, mission: Mission, config: Config) -> None:
             index=int(row[k]),
             make=make,
             gate_probability=None,
-            huber_k=config.graph.huber_k,
             reason="",
+            huber_k=config.graph.huber_k,
         )
         problem.readings[k].append(reading)
 

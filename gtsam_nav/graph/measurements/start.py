@@ -13,8 +13,8 @@ from gtsam_nav.sensors.orientation import UNMEASURED_TILT_SIGMA_RAD
 
 VAGUE_M, VAGUE_RAD, VAGUE_M_S = 1e3, np.pi, 30.0
 """Spread of what the sensors' own factors know better of the start."""
-FIXES_SIGMAS = 10.0
-"""A start that comes from the fixes counts as a hundredth of one: enough to tell, before there are
+FIXES_SIGMAS = 3.0
+"""A start that comes from the fixes counts as a ninth of one: enough to tell, before there are
 others, which of the first are outliers."""
 SLOW_M_S = 1.0
 """Speed at the start of a vehicle that a DVL or odometry tells of, or nothing."""

@@ -1,0 +1,172 @@
+"""Missions that an IMU carries from fix to fix: without a DVL, without odometry."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import gtsam_nav as gn
+from gtsam_nav.frames import Array, wrap_angle
+from gtsam_nav.mission import Constraints, GnssSeries, InitialState, Mission, ReferenceSeries
+from gtsam_nav.solution import Solution
+
+
+@pytest.fixture(scope="module")
+def mission() -> Mission:
+    return gn.simulate("laps", seed=2).crop(0.0, 90.0)
+
+
+@pytest.fixture(scope="module")
+def solution(mission: Mission) -> Solution:
+    return gn.estimate(mission, "graph")
+
+
+def errors(solution: Solution, mission: Mission) -> tuple[Array, Array]:
+    """Of position (k, 3), m, and of yaw (k,), rad, at the trajectory's times."""
+    assert mission.reference is not None
+    truth = mission.reference.series
+    assert isinstance(truth, ReferenceSeries)
+    assert truth.rpy is not None
+    t = solution.trajectory.t
+    p_n = np.stack([np.interp(t, truth.t, axis) for axis in truth.p_n.T], axis=1)
+    yaw = np.interp(t, truth.t, np.unwrap(truth.rpy[:, 2]))
+    return solution.trajectory.p_n - p_n, wrap_angle(solution.trajectory.rpy[:, 2] - yaw)
+
+
+def rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(np.sum(np.atleast_2d(values.T) ** 2, axis=0))))
+
+
+def test_it_is_far_better_than_the_fixes(mission: Mission, solution: Solution) -> None:
+    position, yaw = errors(solution, mission)
+    assert rms(position[:, :2]) < 0.6  # the fixes: 2.8 m
+    assert np.degrees(rms(yaw)) < 0.2
+    assert solution.georeferenced
+    assert solution.gnss_used == len(mission.sensors["gnss"].series)
+
+
+def test_keyframes_are_at_the_fixes(mission: Mission, solution: Solution) -> None:
+    trajectory = solution.trajectory
+    assert trajectory.keyframe is not None
+    keyframes = trajectory.t[trajectory.keyframe]
+    off = np.min(np.abs(keyframes[:, None] - mission.sensors["gnss"].series.t), axis=0)
+    assert np.max(off) < 1e-9
+
+
+def test_the_trajectory_is_smooth_between_keyframes(solution: Solution) -> None:
+    """Velocities are the derivatives of positions, across keyframes too."""
+    trajectory = solution.trajectory
+    assert trajectory.v_n is not None
+    slope = np.diff(trajectory.p_n, axis=0) / np.diff(trajectory.t)[:, None]
+    mean = 0.5 * (trajectory.v_n[1:] + trajectory.v_n[:-1])
+    assert np.max(np.abs(slope - mean)) < 0.02
+    assert np.max(np.diff(trajectory.t)) <= 0.1 + 1e-9
+
+
+def test_errors_are_as_large_as_it_says(mission: Mission, solution: Solution) -> None:
+    position, _ = errors(solution, mission)
+    cov = solution.trajectory.cov_pose_n
+    assert cov is not None
+    nees = np.einsum("ni,nij,nj->n", position, np.linalg.inv(cov[:, :3, :3]), position)
+    assert 0.3 < np.mean(nees) / 3 < 3.0
+
+
+def test_without_a_compass_the_fixes_tell_the_heading(mission: Mission) -> None:
+    blind = mission.without("heading")
+    solution = gn.estimate(blind, "graph")
+    position, yaw = errors(solution, mission)
+    assert solution.georeferenced
+    assert rms(position[:, :2]) < 0.6
+    sigma = solution.trajectory.sigma_rpy
+    assert sigma is not None
+    moving = solution.trajectory.t > 40.0
+    assert np.all(np.abs(yaw[moving]) < 4 * sigma[moving, 2])
+    assert np.degrees(np.max(sigma[moving, 2])) < 20.0
+
+
+def test_without_velocities_too(mission: Mission) -> None:
+    gnss = mission.sensors["gnss"]
+    assert isinstance(gnss.series, GnssSeries)
+    positions = mission.with_sensor(replace(gnss, series=replace(gnss.series, v_n=None)))
+    position, _ = errors(gn.estimate(positions, "graph"), mission)
+    assert rms(position[:, :2]) < 1.2
+
+
+@pytest.mark.parametrize(("stop", "limit_m"), [(51.0, 0.7), (80.0, 1.5)])
+def test_a_silent_imu_is_bridged(mission: Mission, stop: float, limit_m: float) -> None:
+    imu = mission.sensors["imu"]
+    t = imu.series.t
+    silent = mission.with_sensor(replace(imu, series=imu.series.select((t < 50.0) | (t > stop))))
+    solution = gn.estimate(silent, "graph")
+    assert any("silent from 50.0 s" in warning for warning in solution.warnings)
+    position, _ = errors(solution, mission)
+    assert rms(position[:, :2]) < limit_m
+    trajectory = solution.trajectory
+    sigma = trajectory.sigma_v_n
+    assert sigma is not None
+    inside = (trajectory.t > 50.0) & (trajectory.t < stop)
+    assert np.max(sigma[inside, :2]) > 1.5 * np.median(sigma[~inside, :2])
+
+
+def test_lost_fixes_cost_certainty(mission: Mission) -> None:
+    gnss = mission.sensors["gnss"]
+    t = gnss.series.t
+    solution = gn.estimate(
+        mission.with_sensor(replace(gnss, series=gnss.series.select((t < 50) | (t > 65)))), "graph"
+    )
+    position, _ = errors(solution, mission)
+    sigma = solution.trajectory.sigma_p_n
+    assert sigma is not None
+    inside = (solution.trajectory.t > 51) & (solution.trajectory.t < 64)
+    assert np.max(sigma[inside, :2]) > np.median(sigma[~inside, :2])
+    assert np.all(np.abs(position[inside, :2]) < 4 * sigma[inside, :2])
+
+
+def test_velocities_belong_to_a_time_before_their_stamp(mission: Mission) -> None:
+    """Stamped late by a lag that the card states, they are as good as before."""
+    gnss, lag_s = mission.sensors["gnss"], 0.4
+    assert isinstance(gnss.series, GnssSeries)
+    assert gnss.series.v_n is not None
+    assert isinstance(mission.reference, object)
+    t = gnss.series.t
+    late = np.stack([np.interp(t - lag_s, t, axis) for axis in gnss.series.v_n.T], axis=1)
+    lagging = replace(
+        gnss,
+        series=replace(gnss.series, v_n=late),
+        noise={**gnss.noise, "velocity_lag_s": lag_s},
+    )
+    position, _ = errors(gn.estimate(mission.with_sensor(lagging), "graph"), mission)
+    assert rms(position[:, :2]) < 0.6
+
+
+def test_rest_that_the_mission_states_is_used(mission: Mission) -> None:
+    """Twenty seconds at rest: the velocity there is known, and with it the gyro's bias."""
+    resting = replace(mission, constraints=Constraints(zero_velocity=True)).crop(0.0, 15.0)
+    trajectory = gn.estimate(resting, "graph").trajectory
+    afloat = gn.estimate(mission.crop(0.0, 15.0), "graph").trajectory
+    inside = (trajectory.t > 2.0) & (trajectory.t < 13.0)
+    assert trajectory.v_n is not None
+    assert trajectory.sigma_v_n is not None
+    assert afloat.sigma_v_n is not None
+    assert np.max(np.abs(trajectory.v_n[inside])) < 0.02
+    assert np.max(trajectory.sigma_v_n[inside]) < 0.3 * np.min(afloat.sigma_v_n[:, :2])
+
+
+def test_an_imu_and_a_stated_start_are_enough(mission: Mission) -> None:
+    """Ten seconds at rest and a few more: drift, but a trajectory with its growing uncertainty."""
+    alone = replace(
+        mission.without("gnss", "heading"), initial=InitialState(np.zeros(3), 0.1, 0.18, 0.01)
+    ).crop(0.0, 30.0)
+    solution = gn.estimate(alone, "graph")
+    position, _ = errors(solution, mission)
+    sigma = solution.trajectory.sigma_p_n
+    assert sigma is not None
+    assert sigma[-1, 0] > sigma[0, 0]
+    assert np.all(np.abs(position[-1, :2]) < 4 * sigma[-1, :2] + 0.5)
+
+
+def test_no_motion_sensor_at_all(mission: Mission) -> None:
+    with pytest.raises(gn.errors.DataError, match="the motion needs"):
+        gn.estimate(mission.without("imu"), "graph")

@@ -1,0 +1,124 @@
+"""Preintegrated readings between keyframes: mounting, Earth rate, silences."""
+
+from __future__ import annotations
+
+import gtsam
+import numpy as np
+import pytest
+
+from gtsam_nav.config import load_config
+from gtsam_nav.frames import Array, rotation_from_rpy
+from gtsam_nav.graph import factors
+from gtsam_nav.graph.factors import B, X
+from gtsam_nav.graph.measurements import build_problem
+from gtsam_nav.graph.measurements.imu import silences
+from gtsam_nav.graph.problem import Problem
+from gtsam_nav.mission import ImuSeries, InitialState, Mission, Sensor
+from gtsam_nav.preprocess.alignment import align
+from gtsam_nav.preprocess.inertial_motion import inertial_motion
+from gtsam_nav.simulation.inertia import ideal_imu
+from gtsam_nav.simulation.marina import ORIGIN, marina
+from gtsam_nav.simulation.motion import Motion, MotionSettings
+
+LEVER_B = np.array([0.8, -0.3, 0.5])
+R_BI = rotation_from_rpy([0.1, -0.2, 1.3])
+
+
+CONFIG = load_config(None, ["graph.imu_min_rate_hz=5"])
+
+
+def problem_of(imu: Sensor, keyframes: Array, mission_origin: bool = True) -> Problem:
+    mission = Mission(
+        name="inertial",
+        sensors={"imu": imu},
+        origin=ORIGIN if mission_origin else None,
+        initial=InitialState(np.zeros(3), 1.0, 0.0, 0.1),
+    )
+    start = align(mission)
+    return build_problem(
+        mission, start, inertial_motion(mission, start, CONFIG.motion), keyframes, CONFIG
+    )
+
+
+@pytest.mark.parametrize("begin", [5.0, 30.03, 61.7])
+def test_preintegration_predicts_the_next_keyframe(begin: float) -> None:
+    """A noise-free IMU at 100 Hz, mounted askew and off the origin; the Earth turns."""
+    rate_hz, span_s = 100.0, 2.0
+    motion = Motion(marina(), MotionSettings(), np.random.default_rng(4))
+    t = begin - 0.1 + np.arange(int((span_s + 0.3) * rate_hz)) / rate_hz
+    gyro_b, accel_b = ideal_imu(motion.at(t), ORIGIN, flat=True)
+    turning = np.gradient(gyro_b, t, axis=0)
+    accel_b += np.cross(turning, LEVER_B) + np.cross(gyro_b, np.cross(gyro_b, LEVER_B))
+    imu = Sensor(
+        name="imu",
+        type="imu",
+        series=ImuSeries(t=t, gyro_i=gyro_b @ R_BI, accel_i=accel_b @ R_BI),
+        xyz_b=LEVER_B,
+        R_bs=R_BI,
+    )
+    step = problem_of(imu, np.array([begin, begin + span_s])).steps[1]
+    assert step is not None
+    ends = motion.at(np.array([begin, begin + span_s]))
+    before, after = (
+        factors.nav_state(R, p, v) for R, p, v in zip(ends.R_nb, ends.p_n, ends.v_n, strict=True)
+    )
+    bias = gtsam.imuBias.ConstantBias()
+    step.parameters.n_gravity = factors.gravity_at(np.zeros(3), ORIGIN)
+    assert step.pim.deltaTij() == pytest.approx(span_s, abs=1e-9)
+    predicted = step.pim.predict(before, bias)
+    np.testing.assert_allclose(predicted.position(), after.position(), atol=1e-2)
+    np.testing.assert_allclose(predicted.velocity(), after.velocity(), atol=1e-2)
+    turn = after.attitude().between(predicted.attitude())
+    assert np.linalg.norm(gtsam.Rot3.Logmap(turn)) < 1e-4
+
+
+def test_readings_are_linear_between_samples_and_held_beyond_them() -> None:
+    t = np.array([0.0, 0.1, 0.25, 0.3])
+    rates = np.array([0.0, 0.1, 0.4, 0.2])
+    series = ImuSeries(
+        t=t, gyro_i=np.outer(rates, [0.0, 0.0, 1.0]), accel_i=np.tile([0, 0, -9.8], (4, 1))
+    )
+    imu = Sensor(name="imu", type="imu", series=series)
+    problem = problem_of(imu, np.array([0.05, 0.45]), mission_origin=False)
+    step = problem.steps[1]
+    assert step is not None
+    assert np.sum(step.dt) == pytest.approx(0.4)
+    turned = 0.05 * 0.075 + 0.15 * 0.25 + 0.05 * 0.3 + 0.15 * 0.2
+    assert step.gyro[:, 2] @ step.dt == pytest.approx(turned)
+
+
+def test_silences() -> None:
+    t = np.array([0.5, 0.6, 0.7, 3.0, 3.1])
+    imu = ImuSeries(t=t, gyro_i=np.zeros((5, 3)), accel_i=np.zeros((5, 3)))
+    np.testing.assert_allclose(silences(imu, 0.0, 4.0), [[0.0, 0.5], [0.7, 3.0], [3.1, 4.0]])
+    assert len(silences(imu, 0.5, 0.7)) == 0
+
+
+def test_a_silence_is_bridged_at_constant_velocity_and_said() -> None:
+    t = np.arange(0.0, 20.0, 0.01)
+    rng = np.random.default_rng(0)
+    t = t[(t < 8.0) | (t > 12.0)]
+    accel = np.array([0.0, 0.0, -9.80665]) + 0.3 * rng.normal(size=(len(t), 3))
+    series = ImuSeries(t=t, gyro_i=0.01 * rng.normal(size=(len(t), 3)), accel_i=accel)
+    imu = Sensor(name="imu", type="imu", series=series)
+    problem = problem_of(imu, np.array([0.0, 5.0, 8.0, 12.0, 19.99]), mission_origin=False)
+    assert [w for w in problem.warnings if "silent from 8.0 s to 12.0 s" in w]
+    working, coasting = problem.steps[2], problem.steps[3]
+    assert working is not None
+    assert coasting is not None
+    R_nb = problem.R_nb[2]
+    moving = factors.nav_state(R_nb, np.zeros(3), np.array([2.0, 1.0, 0.0]))
+    after = coasting.pim.predict(moving, problem.bias)
+    np.testing.assert_allclose(after.velocity(), moving.velocity(), atol=1e-9)
+    np.testing.assert_allclose(after.position(), 4.0 * moving.velocity(), atol=1e-9)
+    grown = coasting.pim.preintMeasCov() - working.pim.preintMeasCov()
+    assert np.all(np.diag(grown) > 0)
+    graph = gtsam.NonlinearFactorGraph()
+    for entry in problem.factors[3]:
+        graph.add(entry.factor)
+    values = gtsam.Values()
+    values.insert(X(2), moving)
+    values.insert(X(3), after)
+    for k in (2, 3):
+        values.insert(B(k), problem.bias)
+    assert graph.error(values) == pytest.approx(0.0, abs=1e-12)
