@@ -15,8 +15,9 @@ from pydantic import BaseModel, Field, FiniteFloat, ValidationError, model_valid
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, rotation_from_rpy
-from gtsam_nav.mission import SERIES_TYPES, Constraints
+from gtsam_nav.mission import Constraints
 from gtsam_nav.sensors.noise import NOISE_MODELS
+from gtsam_nav.series import SERIES_TYPES
 from gtsam_nav.settings import Settings
 
 MAX_YAML_BYTES = 1_000_000

@@ -9,13 +9,8 @@ from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import (
-    IntArray,
-    Mission,
-    Rejection,
-    Sensor,
-    SonarKind,
-)
+from gtsam_nav.mission import Mission, Rejection, Sensor, SonarKind
+from gtsam_nav.series import IntArray
 from gtsam_nav.trajectory import Trajectory
 
 

@@ -14,7 +14,7 @@ from gtsam_nav.frames import (
     rpy_from_quaternion,
     skew,
 )
-from gtsam_nav.mission import BoolArray, IntArray
+from gtsam_nav.series import BoolArray, IntArray
 
 MAX_GAP_S = 5.0
 """Interpolation never bridges a longer gap."""

@@ -10,24 +10,20 @@ import numpy as np
 import yaml
 
 from gtsam_nav.frames import Origin, rotation_from_rpy
-from gtsam_nav.mission import (
+from gtsam_nav.mission import Constraints, InitialState, LandmarkMap, Mission, Sensor
+from gtsam_nav.series import (
     AttitudeSeries,
     BeamSeries,
     CloudSeries,
-    Constraints,
     DepthSeries,
     DvlSeries,
     GnssSeries,
     HeadingSeries,
     ImuSeries,
-    InitialState,
-    LandmarkMap,
     LandmarkSeries,
-    Mission,
     OdometrySeries,
     ReferenceSeries,
     ScanSeries,
-    Sensor,
     Series,
 )
 

@@ -15,17 +15,15 @@ from gtsam_nav.frames import (
     rotation_from_quaternion,
     rotation_from_rpy,
 )
-from gtsam_nav.mission import (
+from gtsam_nav.mission import Mission, Rejection, Sensor
+from gtsam_nav.series import (
     AttitudeSeries,
     BeamSeries,
     DepthSeries,
     DvlSeries,
     GnssSeries,
     HeadingSeries,
-    Mission,
     ReferenceSeries,
-    Rejection,
-    Sensor,
 )
 from gtsam_nav.solution import (
     Innovations,

@@ -15,17 +15,9 @@ from gtsam_nav.audit.findings import Finding
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, rotation_from_rpy, wrap_angle
 from gtsam_nav.methods import estimate, methods
-from gtsam_nav.mission import (
-    BeamSeries,
-    DvlSeries,
-    GnssSeries,
-    HeadingSeries,
-    ImuSeries,
-    Mission,
-    Rejection,
-    Sensor,
-)
+from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.readers import open_mission
+from gtsam_nav.series import BeamSeries, DvlSeries, GnssSeries, HeadingSeries, ImuSeries
 
 REST_S = 20.0
 SPEED_M_S = 0.5

@@ -14,7 +14,8 @@ from solutions import dr_solution
 from gtsam_nav.config import Config, load_config
 from gtsam_nav.errors import ConfigError, DataError
 from gtsam_nav.methods import check_method, estimate, methods
-from gtsam_nav.mission import GnssSeries, Mission, ReferenceSeries
+from gtsam_nav.mission import Mission
+from gtsam_nav.series import GnssSeries, ReferenceSeries
 from gtsam_nav.simulation import simulate
 from gtsam_nav.solution import Progress, Solution
 

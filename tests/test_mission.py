@@ -12,16 +12,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from missions import every_sensor_mission, every_series
 
-from gtsam_nav.mission import (
+from gtsam_nav.mission import Mission, Sensor
+from gtsam_nav.series import (
     SERIES_TYPES,
     BeamSeries,
     CloudSeries,
     DepthSeries,
     GnssSeries,
     LandmarkSeries,
-    Mission,
     ScanSeries,
-    Sensor,
     Series,
 )
 

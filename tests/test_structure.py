@@ -26,6 +26,7 @@ LAYERS = (
     {"solution"},
     {"trajectory"},
     {"mission"},
+    {"series"},
     {"settings", "frames", "errors"},
 )
 """From the top down; a module imports from its own layer or a lower one."""

@@ -19,7 +19,8 @@ from gtsam_nav.audit.motion import DvlLock, dvl_lock, initial_rest_s, lock_findi
 from gtsam_nav.audit.sonar import SonarHead, sonar_findings, sonar_head
 from gtsam_nav.audit.timing import SensorTiming, sensor_timing, timing_findings
 from gtsam_nav.methods import methods
-from gtsam_nav.mission import DvlSeries, Mission
+from gtsam_nav.mission import Mission
+from gtsam_nav.series import DvlSeries
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,8 @@ import numpy as np
 from gtsam_nav.audit.findings import Finding
 from gtsam_nav.audit.motion import dead_reckoned_way, turned, velocity_sensor
 from gtsam_nav.frames import Array, wrap_angle
-from gtsam_nav.mission import GnssSeries, HeadingSeries, Mission, Sensor
+from gtsam_nav.mission import Mission, Sensor
+from gtsam_nav.series import GnssSeries, HeadingSeries
 
 BASELINE_M = 15.0
 """Shortest distance between two fixes that is taken for a course ..."""

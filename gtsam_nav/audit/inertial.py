@@ -8,7 +8,8 @@ import numpy as np
 
 from gtsam_nav.audit.findings import Finding
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import HeadingSeries, ImuSeries, Sensor
+from gtsam_nav.mission import Sensor
+from gtsam_nav.series import HeadingSeries, ImuSeries
 
 GRAVITY_M_S2 = 9.81
 ACCEL_UNITS = (("g", 1.0), ("m/s^2", GRAVITY_M_S2), ("cm/s^2", 981.0), ("mg", 1000.0))

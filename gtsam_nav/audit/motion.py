@@ -9,8 +9,9 @@ import numpy as np
 
 from gtsam_nav.audit.findings import Finding, Severity
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import DvlSeries, Mission, OdometrySeries, Sensor
+from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.alignment import at_rest
+from gtsam_nav.series import DvlSeries, OdometrySeries
 
 REST_SPEED_M_S = 0.1
 REST_WINDOW_S = 10.0

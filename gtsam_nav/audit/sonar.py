@@ -10,7 +10,8 @@ import numpy as np
 from gtsam_nav.audit.findings import Finding
 from gtsam_nav.audit.motion import dead_reckoned_way
 from gtsam_nav.frames import Array, rpy_from_rotation, wrap_angle
-from gtsam_nav.mission import BeamSeries, HeadingSeries, Sensor
+from gtsam_nav.mission import Sensor
+from gtsam_nav.series import BeamSeries, HeadingSeries
 
 TURNED_RAD = np.radians(15.0)
 """Turn of the vehicle between two sweeps that shows the handedness."""

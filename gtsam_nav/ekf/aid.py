@@ -11,8 +11,8 @@ import numpy as np
 from gtsam_nav.ekf.error_state import SharedErrors
 from gtsam_nav.ekf.strapdown import InertialState
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import IntArray
 from gtsam_nav.sensors.prediction import Prediction
+from gtsam_nav.series import IntArray
 
 Observed = Literal["position", "velocity", "heading", "tilt", "depth", "gyro bias"]
 

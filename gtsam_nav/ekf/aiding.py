@@ -14,20 +14,13 @@ from gtsam_nav.ekf.error_state import SharedErrors
 from gtsam_nav.ekf.inertial_start import InertialStart
 from gtsam_nav.ekf.strapdown import InertialState, Strapdown
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import (
-    AttitudeSeries,
-    DepthSeries,
-    GnssSeries,
-    Mission,
-    OdometrySeries,
-    Rejection,
-    Sensor,
-)
+from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.preprocess.first_fixes import first_fixes, located
 from gtsam_nav.sensors import depth, dvl, gnss, odometry, orientation
 from gtsam_nav.sensors.noise import GnssNoise, HeadingNoise
 from gtsam_nav.sensors.prediction import Prediction
 from gtsam_nav.sensors.rates import angular_rate_b
+from gtsam_nav.series import AttitudeSeries, DepthSeries, GnssSeries, OdometrySeries
 
 
 def aids_of(

@@ -15,8 +15,8 @@ from functools import cached_property
 import numpy as np
 
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import BoolArray, IntArray
 from gtsam_nav.sensors.prediction import chi2_limit
+from gtsam_nav.series import BoolArray, IntArray
 
 NONE = -1
 """A sighting that is of no known landmark."""

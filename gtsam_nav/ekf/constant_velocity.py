@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gtsam_nav.frames import Array, wrap_angle
-from gtsam_nav.mission import BoolArray, IntArray
+from gtsam_nav.series import BoolArray, IntArray
 
 DEPTH, YAW, VELOCITY, YAW_RATE = 2, 3, slice(4, 7), 7
 

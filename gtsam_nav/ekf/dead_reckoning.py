@@ -20,13 +20,14 @@ from gtsam_nav.ekf.constant_velocity import (
 )
 from gtsam_nav.errors import DataError, EstimationError
 from gtsam_nav.frames import Array, quaternion_from_rpy
-from gtsam_nav.mission import DepthSeries, IntArray, Mission, OdometrySeries, Rejection
+from gtsam_nav.mission import Mission, Rejection
 from gtsam_nav.preprocess.alignment import Alignment, align
 from gtsam_nav.preprocess.settings import MotionSettings
 from gtsam_nav.sensors.dvl import body_velocities
 from gtsam_nav.sensors.orientation import headings_true, tilt_at
 from gtsam_nav.sensors.prediction import chi2_limit
 from gtsam_nav.sensors.rates import angular_rate_b
+from gtsam_nav.series import DepthSeries, IntArray, OdometrySeries
 from gtsam_nav.solution import Innovations, Progress, Solution, StageClock
 from gtsam_nav.trajectory import Trajectory
 

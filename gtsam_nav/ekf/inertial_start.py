@@ -11,12 +11,13 @@ import numpy as np
 
 from gtsam_nav.ekf.strapdown import ACCEL_BIAS, GYRO_BIAS, NU, RHO, SIZE, THETA, InertialState
 from gtsam_nav.frames import Array, earth_rate_n, quaternion_from_rpy, rotation_from_rpy
-from gtsam_nav.mission import GnssSeries, Mission, Sensor
+from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.alignment import align
 from gtsam_nav.preprocess.first_fixes import ANY_SPEED_M_S, first_fixes
 from gtsam_nav.preprocess.rest import Rest, initial_rest
 from gtsam_nav.sensors.noise import ImuNoise
 from gtsam_nav.sensors.orientation import UNMEASURED_TILT_SIGMA_RAD, headings_true
+from gtsam_nav.series import GnssSeries
 
 VAGUE_M = 1e3
 UNKNOWN_YAW_SIGMA_RAD = np.pi / np.sqrt(3)

@@ -138,11 +138,12 @@ class AidUpdates:
 
     def innovations(self) -> dict[str, Innovations]:
         """Normalised innovations squared of what was used; one reading makes no statistics."""
-        return {
-            aid.name: Innovations(*np.array(used).T, aid.size)
-            for aid, used in zip(self.aids, self.used, strict=True)
-            if len(used) > 1
-        }
+        found = {}
+        for aid, used in zip(self.aids, self.used, strict=True):
+            if len(used) > 1:
+                t, nis = np.array(used).T
+                found[aid.name] = Innovations(t, nis, aid.size)
+        return found
 
     def _take(self, which: int, k: int) -> None:
         """Judge a measurement and let it correct the filter."""
@@ -172,7 +173,7 @@ class AidUpdates:
             np.linalg.cholesky(S)
         except np.linalg.LinAlgError:
             return Update(prediction.residual, H, prediction.cov, None, np.nan)
-        S_inverse = np.linalg.inv(S)
+        S_inverse = np.asarray(np.linalg.inv(S))
         nis = float(prediction.residual @ S_inverse @ prediction.residual)
         return Update(prediction.residual, H, prediction.cov, S_inverse, nis)
 

@@ -14,9 +14,10 @@ import numpy as np
 
 from gtsam_nav.ekf.association import Comparison
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import IntArray, Sensor
+from gtsam_nav.mission import Sensor
 from gtsam_nav.sensors.landmarks import Observation, Sighting, observe, place
 from gtsam_nav.sensors.prediction import BodyState
+from gtsam_nav.series import IntArray
 
 MOST_ITERATIONS, NONLINEAR_SIGMAS = 5, 0.5
 """Of an update, and how far from the straight line a prediction may end, in its noise's sigmas."""

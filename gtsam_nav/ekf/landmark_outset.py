@@ -15,10 +15,11 @@ from gtsam_nav.ekf.planar_vehicle import PlanarVehicle
 from gtsam_nav.ekf.strapdown import NU, THETA, Strapdown
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import LandmarkSeries, Mission, Rejection, Sensor
+from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.preprocess.alignment import Alignment, align, at_rest
 from gtsam_nav.preprocess.landmark_start import landmark_start
 from gtsam_nav.preprocess.planar_motion import PlanarMotion, planar_motion
+from gtsam_nav.series import LandmarkSeries
 
 PRIOR_SIGMAS = 2.0
 """A start that was found from sightings is doubted so much: the same sightings come again."""

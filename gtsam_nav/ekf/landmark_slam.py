@@ -19,7 +19,8 @@ from gtsam_nav.ekf.landmark_outset import Outset, outset
 from gtsam_nav.ekf.sighting_updates import SightingUpdates
 from gtsam_nav.errors import DataError, EstimationError
 from gtsam_nav.frames import Array, quaternion_from_rotation
-from gtsam_nav.mission import LandmarkSeries, Mission, Sensor
+from gtsam_nav.mission import Mission, Sensor
+from gtsam_nav.series import LandmarkSeries
 from gtsam_nav.solution import Innovations, LandmarkEstimates, Progress, Solution, StageClock
 from gtsam_nav.trajectory import Trajectory
 

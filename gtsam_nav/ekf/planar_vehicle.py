@@ -20,11 +20,12 @@ import math
 import numpy as np
 
 from gtsam_nav.frames import Array, rotation_from_rpy
-from gtsam_nav.mission import DepthSeries, Mission
+from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.alignment import Alignment
 from gtsam_nav.preprocess.planar_motion import PlanarMotion
 from gtsam_nav.sensors.orientation import tilt_at
 from gtsam_nav.sensors.prediction import BodyState
+from gtsam_nav.series import DepthSeries
 
 
 class PlanarVehicle:

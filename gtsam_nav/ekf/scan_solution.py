@@ -17,7 +17,7 @@ from gtsam_nav.frames import (
     rotation_from_rpy,
     wrap_angle,
 )
-from gtsam_nav.mission import IntArray
+from gtsam_nav.series import IntArray
 from gtsam_nav.solution import Innovations, PoseGraph, PoseGraphEdge, Solution, StageClock
 from gtsam_nav.sonar.preparation import sonar_map
 from gtsam_nav.sonar.scans import planar_rotations

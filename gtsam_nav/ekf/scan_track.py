@@ -16,9 +16,10 @@ from gtsam_nav.ekf.constant_velocity import YAW, Filtered
 from gtsam_nav.ekf.dead_reckoning import DeadReckoned, dead_reckon
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import IntArray, Mission, Rejection, Sensor
+from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.preprocess.alignment import Alignment, align
 from gtsam_nav.sensors.noise import HeadingNoise
+from gtsam_nav.series import IntArray
 from gtsam_nav.sonar.motion import PlanarMotion
 from gtsam_nav.sonar.preparation import (
     SonarData,

@@ -15,11 +15,12 @@ from numpy.linalg import LinAlgError
 from gtsam_nav.ekf.association import NONE, Comparison, joint, nearest
 from gtsam_nav.ekf.landmark_filter import Landmark, LandmarkFilter
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import IntArray, LandmarkSeries, Rejection, Sensor
+from gtsam_nav.mission import Rejection, Sensor
 from gtsam_nav.sensors.landmarks import measurements, sighting, trusted_ids, variance_factors
 from gtsam_nav.sensors.noise import LandmarkNoise
 from gtsam_nav.sensors.prediction import chi2_limit
 from gtsam_nav.sensors.settings import LandmarkSettings
+from gtsam_nav.series import IntArray, LandmarkSeries
 
 GATED = "innovation gate"
 REPEATED = "second sighting of a landmark at one moment"
@@ -148,7 +149,7 @@ class SightingUpdates:
         if len(unnamed):
             busy = np.isin(landmarks, [v.landmark for v in verdicts if v.is_update])
             rest = self._verdicts_by_place(compared.of(unnamed, ~busy), landmarks[~busy])
-            for s, verdict in zip(unnamed, rest, strict=True):
+            for s, verdict in zip(unnamed.tolist(), rest, strict=True):
                 verdicts[s] = verdict
         return verdicts
 

@@ -21,12 +21,13 @@ import numpy as np
 
 from gtsam_nav.ekf.local_level import LocalLevel, rotation, turned
 from gtsam_nav.frames import Array, Origin
-from gtsam_nav.mission import ImuSeries, Sensor
+from gtsam_nav.mission import Sensor
 from gtsam_nav.preprocess.rest import spells_of
 from gtsam_nav.preprocess.strapdown import STANDARD_GRAVITY_M_S2, readings_at_origin
 from gtsam_nav.sensors.noise import ImuNoise
 from gtsam_nav.sensors.orientation import UNMEASURED_TILT_SIGMA_RAD
 from gtsam_nav.sensors.prediction import BodyState
+from gtsam_nav.series import ImuSeries
 
 THETA, RHO, NU = slice(0, 3), slice(3, 6), slice(6, 9)
 GYRO_BIAS, ACCEL_BIAS = slice(9, 12), slice(12, 15)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import ReferenceSeries
+from gtsam_nav.series import ReferenceSeries
 from gtsam_nav.trajectory import MAX_GAP_S, Trajectory
 
 

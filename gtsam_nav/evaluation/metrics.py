@@ -24,7 +24,8 @@ from gtsam_nav.evaluation.statistics import (
     StartStatistics,
 )
 from gtsam_nav.frames import Array, wrap_angle
-from gtsam_nav.mission import ReferenceSeries, Sensor, SonarKind
+from gtsam_nav.mission import Sensor, SonarKind
+from gtsam_nav.series import ReferenceSeries
 from gtsam_nav.solution import Solution
 from gtsam_nav.trajectory import MAX_GAP_S, Trajectory
 

@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from gtsam_nav.errors import DataError
-from gtsam_nav.mission import ReferenceSeries, Sensor
+from gtsam_nav.mission import Sensor
 from gtsam_nav.preprocess.cleaning import tidy
 from gtsam_nav.preprocess.gnss_policy import GnssSettings, split_fixes
 from gtsam_nav.readers import open_mission
 from gtsam_nav.readers._table import read_table
+from gtsam_nav.series import ReferenceSeries
 from gtsam_nav.solution import Progress, no_progress
 from gtsam_nav.writers.trajectories import read_trajectory
 

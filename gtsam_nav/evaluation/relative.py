@@ -9,7 +9,7 @@ import numpy as np
 from gtsam_nav.evaluation.alignment import align
 from gtsam_nav.evaluation.matching import Matched, distance_m
 from gtsam_nav.frames import Array, wrap_angle
-from gtsam_nav.mission import IntArray
+from gtsam_nav.series import IntArray
 
 ROUNDING_M = 1e-6
 """A segment that is this much too short is long enough."""

@@ -9,7 +9,7 @@ import numba
 import numpy as np
 
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import BoolArray, IntArray
+from gtsam_nav.series import BoolArray, IntArray
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -57,6 +57,8 @@ class Backend:
         """Queue keyframe k, predicted from the one before, with all that it brings."""
         if k == 0:
             state = self.problem.initial_state(0)
+            for hint in self.problem.hints:
+                self._new_factors.add(hint)
         else:
             self.problem.set_gravity(k, self._last_state)
             state = self.problem.predicted(k, self._last_state, self._last_bias)

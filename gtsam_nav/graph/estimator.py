@@ -28,7 +28,7 @@ from gtsam_nav.graph.output import (
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.refinement import JointRefinement, Refined, refine_without_sonar
 from gtsam_nav.graph.settling import settle
-from gtsam_nav.mission import ImuSeries, Mission
+from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.alignment import Alignment, align
 from gtsam_nav.preprocess.inertial_motion import inertial_motion
 from gtsam_nav.preprocess.landmark_start import landmark_start
@@ -40,6 +40,7 @@ from gtsam_nav.preprocess.motion import (
     vehicle_motion,
 )
 from gtsam_nav.preprocess.planar_motion import planar_motion
+from gtsam_nav.series import ImuSeries
 from gtsam_nav.solution import Progress, Solution, StageClock
 from gtsam_nav.sonar.echoes import Echoes
 from gtsam_nav.sonar.motion import PlanarMotion
@@ -167,7 +168,9 @@ def _start_on_map(mission: Mission, config: Config) -> Alignment | None:
     if start is None:
         return None
     return replace(
-        start, sigma_p=MAP_START_SIGMAS * start.sigma_p, sigma_rpy=MAP_START_SIGMAS * start.sigma_rpy
+        start,
+        sigma_p=MAP_START_SIGMAS * start.sigma_p,
+        sigma_rpy=MAP_START_SIGMAS * start.sigma_rpy,
     )
 
 

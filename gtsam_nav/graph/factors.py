@@ -80,6 +80,11 @@ def velocity(key: int, v_b: Array, sigma: Any, huber_k: float) -> Any:
     return gtsam.ExtendedPriorFactorNavState(key, gtsam.NavState(), measured, huber(huber_k, noise))
 
 
+def position_prior(key: int, p_n: Array, sigma: Array) -> Any:
+    """Position of the body: ``p_n - measured``."""
+    return gtsam.GPSFactor2(key, p_n, precisions(1 / np.asarray(sigma) ** 2))
+
+
 def nonholonomic(key: int, sigma: float, huber_k: float) -> Any:
     """Neither sideways nor up: the last two components of ``R_nb' v_n``."""
     return velocity(key, np.zeros(3), np.array([np.inf, sigma, sigma]), huber_k)

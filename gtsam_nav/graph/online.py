@@ -20,7 +20,7 @@ from gtsam_nav.graph.scan_matching import (
     match_scans,
     relative_pose,
 )
-from gtsam_nav.mission import IntArray
+from gtsam_nav.series import IntArray
 from gtsam_nav.solution import Progress
 from gtsam_nav.sonar.scans import Scan
 

@@ -17,7 +17,7 @@ from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.scan_matching import ScanMatch
 from gtsam_nav.graph.sensor_posterior import SensorPosterior, free_part
-from gtsam_nav.mission import IntArray
+from gtsam_nav.series import IntArray
 from gtsam_nav.solution import LandmarkEstimates, LoopClosure, PoseGraph, PoseGraphEdge, SlowStates
 from gtsam_nav.trajectory import Trajectory
 

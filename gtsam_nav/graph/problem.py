@@ -11,10 +11,11 @@ import numpy as np
 from gtsam_nav.frames import Array, Origin, rotation_from_rpy
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.scan_matching import PlanarPose
-from gtsam_nav.mission import IntArray, Rejection
+from gtsam_nav.mission import Rejection
 from gtsam_nav.preprocess.alignment import Alignment
 from gtsam_nav.preprocess.motion import VehicleMotion
 from gtsam_nav.preprocess.strapdown import gravity_at
+from gtsam_nav.series import IntArray
 
 RECEIVER_STRIDE = 10**7
 """Apart in the numbering of GNSS errors: more keyframes than any mission has."""
@@ -119,6 +120,8 @@ class Problem:
         The same of the readings.
     variables : list of lists
         Keys and first values of the states that keyframe k brings, but for its own.
+    hints : list
+        Factors on the first keyframe for the causal pass alone.
     steps : list
         Preintegrated readings into each keyframe; None where there are none.
     origin : Origin or None
@@ -150,6 +153,7 @@ class Problem:
     factors: list[list[SensorFactor]] = field(init=False)
     readings: list[list[Reading]] = field(init=False)
     variables: list[list[tuple[int, Callable[[StateAt], Any]]]] = field(init=False)
+    hints: list[Any] = field(default_factory=list)
     steps: list[InertialStep | None] = field(init=False)
     origin: Origin | None = None
     bias: Any = None

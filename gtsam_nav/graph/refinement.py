@@ -21,7 +21,7 @@ from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.sensor_posterior import SensorPosterior, sensor_posterior
 from gtsam_nav.graph.settings import RefinementSettings
-from gtsam_nav.mission import BoolArray, IntArray
+from gtsam_nav.series import BoolArray, IntArray
 from gtsam_nav.solution import Progress
 from gtsam_nav.sonar.echoes import Echoes
 from gtsam_nav.sonar.scans import Turns, planar_rotations

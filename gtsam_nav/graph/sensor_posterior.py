@@ -18,7 +18,7 @@ from gtsam_nav.frames import Array
 from gtsam_nav.graph.backend import planar_rows
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.problem import RECEIVER_STRIDE, Problem
-from gtsam_nav.mission import IntArray
+from gtsam_nav.series import IntArray
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,9 @@ from gtsam_nav.graph import factors
 from gtsam_nav.graph.backend import marginals_of, solve_batch
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.problem import Problem, Reading
-from gtsam_nav.mission import BoolArray, Rejection
+from gtsam_nav.mission import Rejection
 from gtsam_nav.sensors.prediction import chi2_limit
+from gtsam_nav.series import BoolArray
 
 log = logging.getLogger(__name__)
 

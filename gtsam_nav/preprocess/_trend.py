@@ -10,7 +10,7 @@ import numba
 import numpy as np
 
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import BoolArray
+from gtsam_nav.series import BoolArray
 
 
 @numba.njit(cache=True, error_model="numpy")

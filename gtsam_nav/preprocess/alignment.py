@@ -8,9 +8,10 @@ import numpy as np
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, rotation_from_rpy, wrap_angle
-from gtsam_nav.mission import DepthSeries, GnssSeries, ImuSeries, Mission
+from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.first_fixes import first_fixes, located
 from gtsam_nav.sensors.orientation import headings_true, tilt_at
+from gtsam_nav.series import DepthSeries, GnssSeries, ImuSeries
 
 UNKNOWN_SIGMA_M = 1.0
 """Spread of a start that only defines the local frame."""

@@ -27,14 +27,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import (
-    BoolArray,
-    DvlSeries,
-    IntArray,
-    LandmarkSeries,
-    Rejection,
-    Series,
-)
+from gtsam_nav.mission import Rejection
+from gtsam_nav.series import BoolArray, DvlSeries, IntArray, LandmarkSeries, Series
 
 CLOCK_JUMP_S = 3600.0
 """A silence or a step back that is longer separates stretches of a clock."""

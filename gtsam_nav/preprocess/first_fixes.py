@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import BoolArray, GnssSeries, IntArray
+from gtsam_nav.series import BoolArray, GnssSeries, IntArray
 
 COMPARED, SPACING_S, WITHIN_S = 7, 0.5, 15.0
 """So many fixes are compared, so far apart at least and in all at most."""

@@ -8,7 +8,8 @@ from typing import Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from gtsam_nav.mission import Mission, ReferenceSeries, Sensor
+from gtsam_nav.mission import Mission, Sensor
+from gtsam_nav.series import ReferenceSeries
 from gtsam_nav.settings import Settings
 
 DEFAULT_WINDOW_S = (0.0, 300.0)

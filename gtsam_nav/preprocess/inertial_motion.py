@@ -14,7 +14,7 @@ import numpy as np
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, earth_rate_n, rotation_from_rpy, rpy_from_rotation
-from gtsam_nav.mission import GnssSeries, Mission, Sensor
+from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.alignment import Alignment, at_rest
 from gtsam_nav.preprocess.motion import VehicleMotion, heading_less_turn, motion_grid
 from gtsam_nav.preprocess.robust_trend import robust_trend
@@ -22,6 +22,7 @@ from gtsam_nav.preprocess.settings import MotionSettings
 from gtsam_nav.preprocess.strapdown import gravity_at, integrate, readings_at_origin
 from gtsam_nav.sensors.noise import ImuNoise
 from gtsam_nav.sensors.orientation import headings_true, tilt_at
+from gtsam_nav.series import GnssSeries
 
 MAX_GAP_S = 0.2
 """Over a longer silence of the IMU the vehicle is taken to keep its velocity."""

@@ -13,13 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gtsam_nav.frames import Array, wrap_angle
-from gtsam_nav.mission import BoolArray, IntArray, LandmarkMap, LandmarkSeries, Mission, Sensor
+from gtsam_nav.mission import LandmarkMap, Mission, Sensor
 from gtsam_nav.preprocess.alignment import Alignment, align
 from gtsam_nav.preprocess.planar_motion import PlanarMotion
 from gtsam_nav.preprocess.planar_smoothing import SightedPoints, smooth
 from gtsam_nav.sensors.landmarks import polar, trusted_ids
 from gtsam_nav.sensors.prediction import chi2_limit
 from gtsam_nav.sensors.settings import LandmarkSettings
+from gtsam_nav.series import BoolArray, IntArray, LandmarkSeries
 
 FIRST_STRETCH_S = 2.0
 """Length of the first stretch of sightings; each next one is twice as long."""
@@ -146,9 +147,9 @@ def _sighted(sensor: Sensor, settings: LandmarkSettings, landmarks: LandmarkMap)
     along = level_b / np.where(length > 0, length, 1.0)
     aside = np.column_stack([-along[:, 1], along[:, 0]])
     across = np.maximum(seen.range_m * seen.sigma_bearing, LEAST_SIGMA_M)
-    cov_b = (seen.sigma_range**2)[:, None, None] * along[:, :, None] * along[:, None] + (
-        across**2
-    )[:, None, None] * aside[:, :, None] * aside[:, None]
+    cov_b = (seen.sigma_range**2)[:, None, None] * along[:, :, None] * along[:, None] + (across**2)[
+        :, None, None
+    ] * aside[:, :, None] * aside[:, None]
     p_b = sensor.xyz_b[:2] + level_b * seen.range_m[:, None]
     return Sighted(series.t, ids[usable], p_b, cov_b)
 

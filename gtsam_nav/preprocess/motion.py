@@ -13,15 +13,7 @@ import numpy as np
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, quaternion_from_rpy, rotation_from_rpy
-from gtsam_nav.mission import (
-    BoolArray,
-    GnssSeries,
-    HeadingSeries,
-    ImuSeries,
-    Mission,
-    OdometrySeries,
-    Rejection,
-)
+from gtsam_nav.mission import Mission, Rejection
 from gtsam_nav.preprocess.alignment import Alignment
 from gtsam_nav.preprocess.settings import MotionSettings
 from gtsam_nav.sensors.dvl import BodyVelocities, body_velocities
@@ -29,6 +21,13 @@ from gtsam_nav.sensors.noise import ImuNoise
 from gtsam_nav.sensors.orientation import headings_true, tilt_at
 from gtsam_nav.sensors.prediction import chi2_limit
 from gtsam_nav.sensors.rates import angular_rate_b
+from gtsam_nav.series import (
+    BoolArray,
+    GnssSeries,
+    HeadingSeries,
+    ImuSeries,
+    OdometrySeries,
+)
 from gtsam_nav.trajectory import Trajectory
 
 SPREAD_SIGMAS = 5.0

@@ -12,12 +12,13 @@ import numpy as np
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import ImuSeries, Mission, OdometrySeries
+from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.settings import MotionSettings
 from gtsam_nav.sensors.dvl import body_velocities
 from gtsam_nav.sensors.noise import DvlNoise, HeadingNoise, ImuNoise, OdometryNoise
 from gtsam_nav.sensors.orientation import headings_true
 from gtsam_nav.sensors.rates import angular_rate_b
+from gtsam_nav.series import ImuSeries, OdometrySeries
 
 
 @dataclass(frozen=True)

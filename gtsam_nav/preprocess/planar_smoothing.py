@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gtsam_nav.frames import Array, wrap_angle
-from gtsam_nav.mission import IntArray
 from gtsam_nav.preprocess.planar_motion import Increments
+from gtsam_nav.series import IntArray
 
 LEAST_VARIANCE = 1e-10
 """Of an increment, m^2 or rad^2: a standing vehicle still has a solvable problem."""
@@ -71,7 +71,7 @@ def smooth(
         _add_sightings(normal, gradient, x, seen, known, doubt)
         step = np.linalg.solve(normal, gradient)
         x -= step.reshape(-1, 3)
-    return x, np.linalg.inv(normal)
+    return x, np.asarray(np.linalg.inv(normal))
 
 
 def _along_the_motion(x: Array, increments: Increments) -> tuple[Array, Array]:

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import BoolArray, ImuSeries, Sensor
+from gtsam_nav.mission import Sensor
 from gtsam_nav.sensors.noise import ImuNoise
+from gtsam_nav.series import BoolArray, ImuSeries
 
 SPELL_S = 1.0
 """Readings are averaged over spells of this length."""

@@ -18,7 +18,8 @@ from gtsam_nav.frames import (
     gravity_m_s2,
     rotation_from_quaternion,
 )
-from gtsam_nav.mission import ImuSeries, Sensor
+from gtsam_nav.mission import Sensor
+from gtsam_nav.series import ImuSeries
 
 STANDARD_GRAVITY_M_S2 = 9.80665
 """Gravity of a frame without an origin."""

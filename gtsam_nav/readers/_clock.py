@@ -11,8 +11,9 @@ import numpy as np
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import BoolArray, Mission, Rejection, Sensor
+from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.preprocess.cleaning import CLOCK_JUMP_S, main_stretch
+from gtsam_nav.series import BoolArray
 
 log = logging.getLogger(__name__)
 

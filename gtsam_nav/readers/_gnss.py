@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gtsam_nav.frames import Array, Origin, ned_from_geodetic
-from gtsam_nav.mission import BoolArray, GnssSeries, Rejection
+from gtsam_nav.mission import Rejection
 from gtsam_nav.preprocess.cleaning import screen, tidy
+from gtsam_nav.series import BoolArray, GnssSeries
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,8 @@ from gtsam_nav.cards import (
 )
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Origin, ned_from_geodetic
-from gtsam_nav.mission import SERIES_TYPES, InitialState
+from gtsam_nav.mission import InitialState
+from gtsam_nav.series import SERIES_TYPES
 
 MISSION_FILE = "mission.yaml"
 LANDMARK_MAP = "landmark_map"

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from gtsam_nav.frames import Array, rotation_from_rpy, rpy_from_rotation, wrap_angle
-from gtsam_nav.mission import AttitudeSeries, HeadingSeries, Series
+from gtsam_nav.series import AttitudeSeries, HeadingSeries, Series
 
 ORIENTING_TYPES = (HeadingSeries.TYPE, AttitudeSeries.TYPE)
 """Types of sensor whose series are the body's, so that their mounting is the identity."""

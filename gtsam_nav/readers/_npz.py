@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gtsam_nav.errors import DataError
-from gtsam_nav.mission import BeamSeries, Rejection, ScanSeries
+from gtsam_nav.mission import Rejection
 from gtsam_nav.preprocess.cleaning import screen, tidy
 from gtsam_nav.readers._text import MAX_BYTES
+from gtsam_nav.series import BeamSeries, ScanSeries
 
 # what zipfile and NumPy raise on damaged archives and headers
 _FAULTS = (

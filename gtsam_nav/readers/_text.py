@@ -13,7 +13,7 @@ import numpy as np
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import BoolArray
+from gtsam_nav.series import BoolArray
 
 TRUNCATED = "truncated line"
 

@@ -34,16 +34,7 @@ import numpy as np
 from gtsam_nav.cards import read_yaml
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, Origin
-from gtsam_nav.mission import (
-    SERIES_TYPES,
-    BoolArray,
-    CloudSeries,
-    LandmarkMap,
-    Mission,
-    Rejection,
-    Sensor,
-    Series,
-)
+from gtsam_nav.mission import LandmarkMap, Mission, Rejection, Sensor
 from gtsam_nav.preprocess.cleaning import screen, tidy
 from gtsam_nav.readers._clock import on_mission_time
 from gtsam_nav.readers._gnss import Fixes
@@ -60,6 +51,7 @@ from gtsam_nav.readers._npz import read_beams, read_scans
 from gtsam_nav.readers._table import Table, read_named_files, read_table, truncation
 from gtsam_nav.readers.layout import GEODETIC_COLUMNS, LAYOUTS, NED_COLUMNS, Field
 from gtsam_nav.sensors.noise import NOISE_MODELS
+from gtsam_nav.series import SERIES_TYPES, BoolArray, CloudSeries, Series
 from gtsam_nav.solution import Progress, no_progress
 
 NAME = "mission folder"

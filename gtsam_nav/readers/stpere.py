@@ -21,17 +21,7 @@ import numpy as np
 from gtsam_nav.cards import Card, load_card
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, Origin
-from gtsam_nav.mission import (
-    AttitudeSeries,
-    DepthSeries,
-    DvlSeries,
-    HeadingSeries,
-    ImuSeries,
-    Mission,
-    Rejection,
-    Sensor,
-    Series,
-)
+from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.preprocess.cleaning import tidy
 from gtsam_nav.readers._beam_log import read_beams
 from gtsam_nav.readers._clock import on_mission_time
@@ -40,6 +30,14 @@ from gtsam_nav.readers._mounting import ORIENTING_TYPES, in_body_axes
 from gtsam_nav.readers._table import truncation
 from gtsam_nav.readers._text import Rows, parse_rows, read_lines
 from gtsam_nav.sensors.noise import AttitudeNoise, DepthNoise, DvlNoise, GnssNoise, HeadingNoise
+from gtsam_nav.series import (
+    AttitudeSeries,
+    DepthSeries,
+    DvlSeries,
+    HeadingSeries,
+    ImuSeries,
+    Series,
+)
 from gtsam_nav.solution import Progress, no_progress
 
 NAME = "St. Pere logs"

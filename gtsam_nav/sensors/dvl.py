@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from gtsam_nav.frames import Array, skew
-from gtsam_nav.mission import BoolArray, DvlSeries, IntArray, Rejection, Sensor
+from gtsam_nav.mission import Rejection, Sensor
 from gtsam_nav.sensors.noise import DvlNoise
 from gtsam_nav.sensors.prediction import BodyState, Prediction
+from gtsam_nav.series import BoolArray, DvlSeries, IntArray
 
 
 @dataclass(frozen=True)

@@ -17,10 +17,11 @@ import numpy as np
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, skew, wrap_angle
-from gtsam_nav.mission import BoolArray, IntArray, LandmarkSeries, Sensor
+from gtsam_nav.mission import Sensor
 from gtsam_nav.sensors.noise import LandmarkNoise
 from gtsam_nav.sensors.prediction import BodyState, Prediction
 from gtsam_nav.sensors.settings import LandmarkSettings
+from gtsam_nav.series import BoolArray, IntArray, LandmarkSeries
 
 NO_DIRECTION_M = 1e-3
 """Nearer than this a landmark has no direction."""

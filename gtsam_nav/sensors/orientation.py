@@ -9,9 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from gtsam_nav.frames import Array, rotation_from_rpy, wrap_angle
-from gtsam_nav.mission import AttitudeSeries, HeadingSeries, Mission
+from gtsam_nav.mission import Mission
 from gtsam_nav.sensors.noise import HeadingNoise
 from gtsam_nav.sensors.prediction import BodyState, Prediction
+from gtsam_nav.series import AttitudeSeries, HeadingSeries
 
 UNMEASURED_TILT_SIGMA_RAD = np.radians(10.0)
 """Roll and pitch of a mission that does not measure them: a vehicle that is stable in both."""

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import ImuSeries, Mission, OdometrySeries
+from gtsam_nav.mission import Mission
 from gtsam_nav.sensors.orientation import headings_true
+from gtsam_nav.series import ImuSeries, OdometrySeries
 
 
 def angular_rate_b(mission: Mission, t: Array) -> Array:

@@ -13,7 +13,7 @@ import numpy as np
 
 from gtsam_nav.errors import ConfigError
 from gtsam_nav.frames import wrap_angle
-from gtsam_nav.mission import GnssSeries, HeadingSeries, IntArray, Series
+from gtsam_nav.series import GnssSeries, HeadingSeries, IntArray, Series
 
 Span = tuple[float, float]
 

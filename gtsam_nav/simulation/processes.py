@@ -7,7 +7,7 @@ from itertools import accumulate
 import numpy as np
 
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import BoolArray
+from gtsam_nav.series import BoolArray
 
 
 def random_walk(

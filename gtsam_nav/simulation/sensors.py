@@ -9,7 +9,8 @@ from gtsam_nav.frames import (
     rotation_from_rpy,
     wrap_angle,
 )
-from gtsam_nav.mission import (
+from gtsam_nav.mission import Sensor
+from gtsam_nav.series import (
     AttitudeSeries,
     DepthSeries,
     DvlSeries,
@@ -19,7 +20,6 @@ from gtsam_nav.mission import (
     LandmarkSeries,
     OdometrySeries,
     ReferenceSeries,
-    Sensor,
 )
 from gtsam_nav.simulation.inertia import ideal_imu
 from gtsam_nav.simulation.motion import Kinematics, Motion, to_body

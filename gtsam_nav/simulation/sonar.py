@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from gtsam_nav.frames import Array, rotation_from_rpy
-from gtsam_nav.mission import BeamSeries, Sensor
+from gtsam_nav.mission import Sensor
+from gtsam_nav.series import BeamSeries
 from gtsam_nav.settings import Settings
 from gtsam_nav.simulation.motion import Motion
 from gtsam_nav.simulation.raycast import Hits, cast

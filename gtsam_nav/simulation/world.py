@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gtsam_nav.frames import Array, Origin
-from gtsam_nav.mission import IntArray
+from gtsam_nav.series import IntArray
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import IntArray
+from gtsam_nav.series import IntArray
 
 
 @numba.njit(cache=True)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from gtsam_nav.mission import BeamSeries, ScanSeries, Sensor
+from gtsam_nav.mission import Sensor
+from gtsam_nav.series import BeamSeries, ScanSeries
 
 WHOLE_SENSOR = -1
 """`Rejection.index` of a sensor that was not used at all."""

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gtsam_nav.frames import Array, wrap_angle
-from gtsam_nav.mission import BeamSeries, BoolArray, IntArray, ScanSeries, Sensor
+from gtsam_nav.mission import Sensor
 from gtsam_nav.sensors.noise import SonarNoise
+from gtsam_nav.series import BeamSeries, BoolArray, IntArray, ScanSeries
 from gtsam_nav.sonar._peaks import strongest_peaks
 from gtsam_nav.sonar.settings import SegmentationSettings
 

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gtsam_nav.frames import Array, wrap_angle
-from gtsam_nav.mission import BeamSeries, BoolArray, IntArray, ScanSeries, Sensor
+from gtsam_nav.mission import Sensor
+from gtsam_nav.series import BeamSeries, BoolArray, IntArray, ScanSeries
 from gtsam_nav.sonar.echoes import Echoes
 from gtsam_nav.sonar.motion import PlanarMotion
 

@@ -20,19 +20,15 @@ import yaml
 
 from gtsam_nav.errors import OutputError
 from gtsam_nav.frames import Array, geodetic_from_ned, rpy_from_rotation
-from gtsam_nav.mission import (
+from gtsam_nav.mission import Constraints, InitialState, LandmarkMap, Mission, Sensor
+from gtsam_nav.readers.layout import GEODETIC_COLUMNS, LAYOUTS, NED_COLUMNS
+from gtsam_nav.series import (
     BeamSeries,
     CloudSeries,
-    Constraints,
-    InitialState,
-    LandmarkMap,
-    Mission,
     ReferenceSeries,
     ScanSeries,
-    Sensor,
     Series,
 )
-from gtsam_nav.readers.layout import GEODETIC_COLUMNS, LAYOUTS, NED_COLUMNS
 from gtsam_nav.writers.tables import EXACT, write_records, write_table
 
 MISSION_FILE = "mission.yaml"

@@ -12,22 +12,19 @@ import gtsam_nav as gn
 from gtsam_nav.config import Config, load_config
 from gtsam_nav.errors import DataError, EstimationError
 from gtsam_nav.frames import Array, rotation_from_rpy, wrap_angle
-from gtsam_nav.mission import (
+from gtsam_nav.mission import InitialState, Mission, Rejection, Sensor
+from gtsam_nav.sensors.prediction import chi2_limit
+from gtsam_nav.series import (
     AttitudeSeries,
     BoolArray,
     DepthSeries,
     DvlSeries,
     GnssSeries,
     HeadingSeries,
-    InitialState,
-    Mission,
     OdometrySeries,
     ReferenceSeries,
-    Rejection,
-    Sensor,
     Series,
 )
-from gtsam_nav.sensors.prediction import chi2_limit
 from gtsam_nav.simulation import SimulationSettings, simulate
 from gtsam_nav.simulation.settings import (
     AttitudeSimulation,

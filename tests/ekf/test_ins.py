@@ -29,21 +29,17 @@ from gtsam_nav.frames import (
     rotation_from_rpy,
     wrap_angle,
 )
-from gtsam_nav.mission import (
-    Constraints,
+from gtsam_nav.mission import Constraints, InitialState, Mission, Rejection, Sensor
+from gtsam_nav.preprocess.gnss_policy import split_fixes
+from gtsam_nav.sensors.prediction import Prediction
+from gtsam_nav.series import (
     DepthSeries,
     GnssSeries,
     HeadingSeries,
     ImuSeries,
-    InitialState,
-    Mission,
     OdometrySeries,
     ReferenceSeries,
-    Rejection,
-    Sensor,
 )
-from gtsam_nav.preprocess.gnss_policy import split_fixes
-from gtsam_nav.sensors.prediction import Prediction
 from gtsam_nav.simulation import simulate
 from gtsam_nav.simulation.settings import SimulationSettings
 from gtsam_nav.solution import Solution, no_progress

@@ -14,15 +14,13 @@ from gtsam_nav.ekf.pose_slam import PoseFilter, loop_candidates
 from gtsam_nav.ekf.scan_track import ScanTrack, follow_scans
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, wrap_angle
-from gtsam_nav.mission import (
+from gtsam_nav.mission import InitialState, Mission, Sensor
+from gtsam_nav.series import (
     BeamSeries,
     HeadingSeries,
-    InitialState,
-    Mission,
     OdometrySeries,
     ReferenceSeries,
     ScanSeries,
-    Sensor,
     Series,
 )
 from gtsam_nav.solution import Solution

@@ -35,8 +35,9 @@ from gtsam_nav.frames import (
     rotation_from_quaternion,
     rotation_from_rpy,
 )
-from gtsam_nav.mission import ImuSeries, Sensor
+from gtsam_nav.mission import Sensor
 from gtsam_nav.preprocess.strapdown import readings_at_origin
+from gtsam_nav.series import ImuSeries
 
 BREST = Origin(48.3, -4.8, 20.0)
 seeds = given(st.integers(0, 2**32 - 1))

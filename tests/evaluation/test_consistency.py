@@ -10,7 +10,7 @@ from gtsam_nav.evaluation.consistency import consistency, horizontal_nees
 from gtsam_nav.evaluation.matching import match
 from gtsam_nav.evaluation.metrics import evaluate_trajectory
 from gtsam_nav.frames import Array, quaternion_from_rpy
-from gtsam_nav.mission import ReferenceSeries
+from gtsam_nav.series import ReferenceSeries
 from gtsam_nav.trajectory import Trajectory
 
 N = 4000

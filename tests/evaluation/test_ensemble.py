@@ -14,7 +14,8 @@ from gtsam_nav.evaluation.ensemble import (
 )
 from gtsam_nav.evaluation.plots import ensemble_figure
 from gtsam_nav.frames import quaternion_from_rpy
-from gtsam_nav.mission import ReferenceSeries, Sensor
+from gtsam_nav.mission import Sensor
+from gtsam_nav.series import ReferenceSeries
 from gtsam_nav.solution import Innovations
 from gtsam_nav.trajectory import Trajectory
 

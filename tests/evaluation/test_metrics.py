@@ -22,7 +22,7 @@ from gtsam_nav.evaluation.metrics import (
     evaluate_trajectory,
 )
 from gtsam_nav.frames import Array, quaternion_from_rpy, rotation_from_rpy
-from gtsam_nav.mission import ReferenceSeries
+from gtsam_nav.series import ReferenceSeries
 from gtsam_nav.trajectory import Trajectory
 
 STATISTICS = {"mean", "rmse", "median", "std", "min", "max", "p95"}

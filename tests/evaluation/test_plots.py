@@ -32,8 +32,8 @@ def legend(ax: Axes) -> list[str]:
 def test_plan_view_names_all_that_it_shows(both: list[Solution]) -> None:
     (ax,) = plots.plan_view(both).axes
     assert legend(ax) == [
-        "sonar map (graph)", "loops rejected (25)", "loops accepted (35)", "GNSS used", "reference", "dr",
-        "graph", "start", "landmarks, 3 sigma (3)",
+        "sonar map (graph)", "loops rejected (25)", "loops accepted (35)", "GNSS used",
+        "reference", "dr", "graph", "start", "landmarks, 3 sigma (3)",
     ]  # fmt: skip
     assert ax.get_aspect() == 1.0
     assert ax.get_xlabel().startswith("east")

@@ -14,7 +14,7 @@ from gtsam_nav.evaluation.metrics import evaluate_trajectory
 from gtsam_nav.evaluation.relative import relative_error
 from gtsam_nav.evaluation.statistics import ErrorStatistics
 from gtsam_nav.frames import Array, quaternion_from_rpy
-from gtsam_nav.mission import ReferenceSeries
+from gtsam_nav.series import ReferenceSeries
 from gtsam_nav.trajectory import Trajectory
 
 T = np.arange(0.0, 101.0)

@@ -18,7 +18,7 @@ from gtsam_nav.graph._echo_kernel import (
     squared_residuals,
 )
 from gtsam_nav.graph.refinement import _assemble
-from gtsam_nav.mission import BoolArray, IntArray
+from gtsam_nav.series import BoolArray, IntArray
 from gtsam_nav.sonar.scans import planar_rotations
 
 

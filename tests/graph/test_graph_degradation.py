@@ -9,7 +9,8 @@ import pytest
 
 import gtsam_nav as gn
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import BeamSeries, Mission, ScanSeries, Sensor
+from gtsam_nav.mission import Mission, Sensor
+from gtsam_nav.series import BeamSeries, ScanSeries
 from gtsam_nav.solution import Solution
 from gtsam_nav.sonar.defects import WHOLE_SENSOR
 from gtsam_nav.sonar.echoes import segment

@@ -9,7 +9,8 @@ import pytest
 
 import gtsam_nav as gn
 from gtsam_nav.frames import Array, wrap_angle
-from gtsam_nav.mission import Constraints, GnssSeries, InitialState, Mission, ReferenceSeries
+from gtsam_nav.mission import Constraints, InitialState, Mission
+from gtsam_nav.series import GnssSeries, ReferenceSeries
 from gtsam_nav.solution import Solution
 
 

@@ -13,9 +13,10 @@ from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.measurements import build_problem
 from gtsam_nav.graph.measurements.imu import silences
 from gtsam_nav.graph.problem import Problem
-from gtsam_nav.mission import ImuSeries, InitialState, Mission, Sensor
+from gtsam_nav.mission import InitialState, Mission, Sensor
 from gtsam_nav.preprocess.alignment import align
 from gtsam_nav.preprocess.inertial_motion import inertial_motion
+from gtsam_nav.series import ImuSeries
 from gtsam_nav.simulation.inertia import ideal_imu
 from gtsam_nav.simulation.marina import ORIGIN, marina
 from gtsam_nav.simulation.motion import Motion, MotionSettings

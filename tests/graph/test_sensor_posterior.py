@@ -18,9 +18,9 @@ from gtsam_nav.graph.output import smoothed_covariances
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.sensor_posterior import SensorPosterior, _tangent, sensor_posterior
 from gtsam_nav.graph.settling import settle
-from gtsam_nav.mission import IntArray
 from gtsam_nav.preprocess.alignment import align
 from gtsam_nav.preprocess.motion import vehicle_motion
+from gtsam_nav.series import IntArray
 from gtsam_nav.simulation import simulate
 
 KNOTS = np.array([0, 3, 4, 8])

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 import gtsam_nav as gn
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.settling import _by_all_others
-from gtsam_nav.mission import BoolArray, GnssSeries, Mission
+from gtsam_nav.mission import Mission
+from gtsam_nav.series import BoolArray, GnssSeries
 from gtsam_nav.solution import Solution
 
 

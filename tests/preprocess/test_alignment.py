@@ -11,20 +11,18 @@ import pytest
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, rotation_from_rpy
-from gtsam_nav.mission import (
+from gtsam_nav.mission import InitialState, Mission, Sensor
+from gtsam_nav.preprocess.alignment import UNKNOWN_SIGMA_M, align, at_rest, level_at_rest
+from gtsam_nav.sensors.orientation import UNMEASURED_TILT_SIGMA_RAD
+from gtsam_nav.series import (
     AttitudeSeries,
     DepthSeries,
     GnssSeries,
     HeadingSeries,
     ImuSeries,
-    InitialState,
-    Mission,
     ReferenceSeries,
-    Sensor,
     Series,
 )
-from gtsam_nav.preprocess.alignment import UNKNOWN_SIGMA_M, align, at_rest, level_at_rest
-from gtsam_nav.sensors.orientation import UNMEASURED_TILT_SIGMA_RAD
 
 T = np.arange(100.0, 110.0, 0.1)
 RPY = np.array([0.1, -0.05, 0.8])

@@ -10,7 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gtsam_nav.mission import (
+from gtsam_nav.mission import Rejection
+from gtsam_nav.preprocess.cleaning import main_stretch, tidy
+from gtsam_nav.series import (
     AttitudeSeries,
     BeamSeries,
     DepthSeries,
@@ -21,10 +23,8 @@ from gtsam_nav.mission import (
     LandmarkSeries,
     OdometrySeries,
     ReferenceSeries,
-    Rejection,
     Series,
 )
-from gtsam_nav.preprocess.cleaning import main_stretch, tidy
 
 ROW_TYPES: list[type[Series]] = [
     ImuSeries,

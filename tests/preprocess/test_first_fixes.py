@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import GnssSeries
 from gtsam_nav.preprocess.first_fixes import ANY_SPEED_M_S, first_fixes, located
+from gtsam_nav.series import GnssSeries
 
 V_N = np.array([3.0, -4.0, 0.0])
 

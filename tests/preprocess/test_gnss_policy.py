@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import GnssSeries, Mission, ReferenceSeries, Sensor
+from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.gnss_policy import GnssSettings, reference_from_fixes, split_fixes
+from gtsam_nav.series import GnssSeries, ReferenceSeries
 
 T = np.arange(0.0, 1000.0, 10.0)
 LEVER_B = np.array([0.5, 0.0, -2.0])

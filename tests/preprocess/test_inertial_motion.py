@@ -9,10 +9,11 @@ import gtsam_nav as gn
 from gtsam_nav.config import Config
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, wrap_angle
-from gtsam_nav.mission import Mission, ReferenceSeries
+from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.alignment import align
 from gtsam_nav.preprocess.inertial_motion import inertial_motion
 from gtsam_nav.preprocess.motion import VehicleMotion
+from gtsam_nav.series import ReferenceSeries
 
 
 def blind(mission: Mission) -> Mission:

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from gtsam_nav.frames import Array, rotation_from_rpy
-from gtsam_nav.mission import ImuSeries, Sensor
+from gtsam_nav.mission import Sensor
 from gtsam_nav.preprocess.rest import initial_rest, spells_of
+from gtsam_nav.series import ImuSeries
 from gtsam_nav.simulation import simulate
 
 G_N = np.array([0.0, 0.0, -9.8])

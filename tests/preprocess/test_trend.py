@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import BoolArray
 from gtsam_nav.preprocess._trend import smooth_trend
+from gtsam_nav.series import BoolArray
 
 N = 30
 

@@ -9,19 +9,18 @@ import pytest
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, rotation_from_rpy, wrap_angle
-from gtsam_nav.mission import (
+from gtsam_nav.mission import Mission, Sensor
+from gtsam_nav.preprocess.alignment import Alignment, align
+from gtsam_nav.preprocess.motion import VehicleMotion, vehicle_motion
+from gtsam_nav.preprocess.settings import MotionSettings
+from gtsam_nav.series import (
     AttitudeSeries,
     DvlSeries,
     HeadingSeries,
     ImuSeries,
-    Mission,
     OdometrySeries,
     ReferenceSeries,
-    Sensor,
 )
-from gtsam_nav.preprocess.alignment import Alignment, align
-from gtsam_nav.preprocess.motion import VehicleMotion, vehicle_motion
-from gtsam_nav.preprocess.settings import MotionSettings
 from gtsam_nav.simulation import SimulationSettings, simulate
 
 DURATION_S = 60.0

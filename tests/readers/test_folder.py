@@ -13,18 +13,17 @@ from missions import DEPTH_CSV, make_folder, one_sensor_folder
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Origin, ned_from_geodetic, rotation_from_rpy, rpy_from_rotation
-from gtsam_nav.mission import (
+from gtsam_nav.mission import Mission, Sensor
+from gtsam_nav.readers import open_mission
+from gtsam_nav.series import (
     AttitudeSeries,
     DvlSeries,
     GnssSeries,
     HeadingSeries,
     LandmarkSeries,
-    Mission,
     OdometrySeries,
     ReferenceSeries,
-    Sensor,
 )
-from gtsam_nav.readers import open_mission
 
 TEN = range(10)
 

@@ -12,8 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gtsam_nav.errors import DataError, GtsamNavError
-from gtsam_nav.mission import LandmarkSeries, Mission, OdometrySeries, ReferenceSeries
+from gtsam_nav.mission import Mission
 from gtsam_nav.readers import open_mission
+from gtsam_nav.series import LandmarkSeries, OdometrySeries, ReferenceSeries
 
 START = 1248444000.0
 

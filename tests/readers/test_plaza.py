@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from scipy.io import savemat
 
 from gtsam_nav.errors import DataError, GtsamNavError
-from gtsam_nav.mission import LandmarkSeries, Mission, OdometrySeries, ReferenceSeries
+from gtsam_nav.mission import Mission
 from gtsam_nav.readers import open_mission
+from gtsam_nav.series import LandmarkSeries, OdometrySeries, ReferenceSeries
 
 DR = [[100.5, 1.0, 0.25], [101.0, 0.5, -0.25], [102.0, 0.5, 0.0]]
 TD = [[100.75, 2, 1, 30.0], [101.25, 2, 6, 40.0]]

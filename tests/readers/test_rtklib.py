@@ -15,9 +15,10 @@ from hypothesis import strategies as st
 from gtsam_nav.cards import load_card
 from gtsam_nav.errors import DataError, GtsamNavError
 from gtsam_nav.frames import ned_from_geodetic, rotation_from_rpy
-from gtsam_nav.mission import GnssSeries, ImuSeries, Mission
+from gtsam_nav.mission import Mission
 from gtsam_nav.readers import open_mission
 from gtsam_nav.sensors.noise import GnssNoise
+from gtsam_nav.series import GnssSeries, ImuSeries
 
 GPST = 1_752_003_258.0  # 2025/07/08 19:34:18
 CLOCK_OFFSET_S = load_card("rtk_mems_car").sensors["imu"].time_offset_s

@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 
 from gtsam_nav.errors import DataError, GtsamNavError
 from gtsam_nav.frames import ned_from_geodetic, rotation_from_rpy
-from gtsam_nav.mission import (
+from gtsam_nav.readers import open_mission
+from gtsam_nav.series import (
     AttitudeSeries,
     BeamSeries,
     DepthSeries,
@@ -24,7 +25,6 @@ from gtsam_nav.mission import (
     HeadingSeries,
     ImuSeries,
 )
-from gtsam_nav.readers import open_mission
 
 START = 1093455400.0
 PREFIX = "_000000_0000"

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 
 from gtsam_nav.cards import load_card
 from gtsam_nav.errors import DataError, GtsamNavError
-from gtsam_nav.mission import LandmarkSeries, Mission, OdometrySeries
+from gtsam_nav.mission import Mission
 from gtsam_nav.readers import open_mission
+from gtsam_nav.series import LandmarkSeries, OdometrySeries
 
 COV = "0.04 0 0 0.01 0 0.09"
 GRAPH = f"""# a quarter turn to the left on a circle of 2 m, then straight on

@@ -21,9 +21,10 @@ from scipy.spatial.transform import Rotation
 from gtsam_nav.frames import Array, rotation_from_rpy
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import G, L, M, X
-from gtsam_nav.mission import LandmarkSeries, Sensor
+from gtsam_nav.mission import Sensor
 from gtsam_nav.sensors import depth, dvl, gnss, landmarks, motion_constraints, orientation
 from gtsam_nav.sensors.prediction import BodyState, Prediction
+from gtsam_nav.series import LandmarkSeries
 
 NO_KERNEL = 1e9
 """Huber threshold that no residual reaches."""

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from gtsam_nav.frames import Array, rotation_from_rpy
-from gtsam_nav.mission import BoolArray, DvlSeries, Sensor
+from gtsam_nav.mission import Sensor
 from gtsam_nav.sensors.dvl import body_velocities
+from gtsam_nav.series import BoolArray, DvlSeries
 
 STILL = np.zeros(3)
 LIMIT_S = 10.0

@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from gtsam_nav.frames import Array, rotation_from_rpy, wrap_angle
-from gtsam_nav.mission import LandmarkSeries, Sensor
+from gtsam_nav.mission import Sensor
 from gtsam_nav.sensors.landmarks import Sighting, observe, place, predict, sighting
 from gtsam_nav.sensors.prediction import BodyState
+from gtsam_nav.series import LandmarkSeries
 
 SERIES = LandmarkSeries(
     t=np.array([0.0, 0.0]),

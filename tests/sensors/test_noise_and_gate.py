@@ -7,9 +7,9 @@ import pytest
 from pydantic import ValidationError
 from scipy.stats import chi2
 
-from gtsam_nav.mission import SERIES_TYPES
 from gtsam_nav.sensors.noise import NOISE_MODELS
 from gtsam_nav.sensors.prediction import Prediction, chi2_limit
+from gtsam_nav.series import SERIES_TYPES
 
 
 @pytest.mark.parametrize("dof", range(1, 8))

@@ -8,16 +8,10 @@ import numpy as np
 import pytest
 
 from gtsam_nav.frames import Array, rotation_from_rpy
-from gtsam_nav.mission import (
-    AttitudeSeries,
-    HeadingSeries,
-    ImuSeries,
-    Mission,
-    OdometrySeries,
-    Sensor,
-)
+from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.sensors.orientation import UNMEASURED_TILT_SIGMA_RAD, headings_true, tilt_at
 from gtsam_nav.sensors.rates import angular_rate_b
+from gtsam_nav.series import AttitudeSeries, HeadingSeries, ImuSeries, OdometrySeries
 
 T = np.arange(0.0, 60.0, 0.1)
 RATE = 0.2

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 import gtsam_nav as gn
 from gtsam_nav.errors import ConfigError
 from gtsam_nav.frames import Array, wrap_angle
-from gtsam_nav.mission import GnssSeries, HeadingSeries, Mission, Sensor, Series
+from gtsam_nav.mission import Mission, Sensor
+from gtsam_nav.series import GnssSeries, HeadingSeries, Series
 from gtsam_nav.simulation import Fault, inject, parse_fault, simulate
 from gtsam_nav.simulation.faults import (
     ClockOffset,

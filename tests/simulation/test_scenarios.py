@@ -16,17 +16,17 @@ from gtsam_nav.frames import (
     rotation_from_rpy,
     wrap_angle,
 )
-from gtsam_nav.mission import (
+from gtsam_nav.mission import Mission
+from gtsam_nav.preprocess.alignment import level_at_rest
+from gtsam_nav.sensors.noise import NOISE_MODELS
+from gtsam_nav.series import (
     DepthSeries,
     GnssSeries,
     HeadingSeries,
     ImuSeries,
     LandmarkSeries,
-    Mission,
     ReferenceSeries,
 )
-from gtsam_nav.preprocess.alignment import level_at_rest
-from gtsam_nav.sensors.noise import NOISE_MODELS
 from gtsam_nav.simulation import SCENARIOS, make_scenario, simulate
 from gtsam_nav.simulation.inertia import gravity_n, ideal_imu
 from gtsam_nav.simulation.motion import Motion, MotionSettings

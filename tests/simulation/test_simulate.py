@@ -10,7 +10,9 @@ import pytest
 
 from gtsam_nav.errors import ConfigError
 from gtsam_nav.frames import Array, wrap_angle
-from gtsam_nav.mission import (
+from gtsam_nav.mission import Mission, Sensor
+from gtsam_nav.sensors.noise import NOISE_MODELS, HeadingNoise
+from gtsam_nav.series import (
     AttitudeSeries,
     BeamSeries,
     DepthSeries,
@@ -19,13 +21,10 @@ from gtsam_nav.mission import (
     HeadingSeries,
     ImuSeries,
     LandmarkSeries,
-    Mission,
     OdometrySeries,
     ReferenceSeries,
-    Sensor,
     Series,
 )
-from gtsam_nav.sensors.noise import NOISE_MODELS, HeadingNoise
 from gtsam_nav.simulation import SimulationSettings, sensors, simulate
 from gtsam_nav.simulation.inertia import ideal_imu
 from gtsam_nav.simulation.marina import marina

@@ -7,7 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from gtsam_nav.frames import Array, rotation_from_rpy, wrap_angle
-from gtsam_nav.mission import BeamSeries, ScanSeries, Sensor
+from gtsam_nav.mission import Sensor
+from gtsam_nav.series import BeamSeries, ScanSeries
 from gtsam_nav.sonar._peaks import strongest_peaks
 from gtsam_nav.sonar.defects import sonar_defect
 from gtsam_nav.sonar.echoes import echoes_of_scans, segment

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import BeamSeries, ScanSeries, Sensor
+from gtsam_nav.mission import Sensor
+from gtsam_nav.series import BeamSeries, ScanSeries
 from gtsam_nav.sonar.echoes import Echoes, echoes_of_scans
 from gtsam_nav.sonar.motion import PlanarMotion
 from gtsam_nav.sonar.scans import (

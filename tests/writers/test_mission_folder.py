@@ -14,17 +14,16 @@ from missions import every_sensor_mission, every_series
 
 from gtsam_nav.errors import OutputError
 from gtsam_nav.frames import Origin, rotation_from_rpy
-from gtsam_nav.mission import (
+from gtsam_nav.mission import Mission, Sensor
+from gtsam_nav.readers import open_mission
+from gtsam_nav.series import (
     CloudSeries,
     DepthSeries,
     ImuSeries,
-    Mission,
     ReferenceSeries,
     ScanSeries,
-    Sensor,
     Series,
 )
-from gtsam_nav.readers import open_mission
 from gtsam_nav.writers.mission_folder import write_mission
 
 GEODETIC_TOLERANCE_M = 1e-7

@@ -19,7 +19,8 @@ from gtsam_nav.evaluation.plots.style import (
     new_figure,
 )
 from gtsam_nav.frames import Array, rpy_from_rotation, wrap_angle
-from gtsam_nav.mission import HeadingSeries, Mission
+from gtsam_nav.mission import Mission
+from gtsam_nav.series import HeadingSeries
 from gtsam_nav.solution import Solution
 
 if TYPE_CHECKING:

@@ -25,7 +25,7 @@ from gtsam_nav.evaluation.plots.style import (
     ranked,
 )
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import GnssSeries
+from gtsam_nav.series import GnssSeries
 from gtsam_nav.solution import Solution
 
 if TYPE_CHECKING:

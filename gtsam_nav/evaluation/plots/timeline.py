@@ -8,7 +8,8 @@ import numpy as np
 
 from gtsam_nav.evaluation.plots.style import INK, MUTED, REJECTED, label, new_figure
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import DvlSeries, Sensor
+from gtsam_nav.mission import Sensor
+from gtsam_nav.series import DvlSeries
 from gtsam_nav.solution import Solution
 
 if TYPE_CHECKING:

@@ -9,9 +9,10 @@ from gtsam_nav.frames import Array
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.problem import Problem
-from gtsam_nav.mission import BoolArray, Mission, Sensor
+from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.rest import SPELL_S, Rest, Spells, initial_rest, spells_of
 from gtsam_nav.sensors.noise import ImuNoise
+from gtsam_nav.series import BoolArray
 
 NAME = "constraints"
 PIN_RAD, PIN_M = 1e-3, 1e-3

@@ -8,7 +8,8 @@ from gtsam_nav.config import Config
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.problem import Problem
-from gtsam_nav.mission import DepthSeries, Mission
+from gtsam_nav.mission import Mission
+from gtsam_nav.series import DepthSeries
 
 
 def add(problem: Problem, mission: Mission, config: Config) -> None:

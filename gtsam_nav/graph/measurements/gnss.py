@@ -13,10 +13,11 @@ from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import G, X
 from gtsam_nav.graph.gauss_markov import gauss_markov
 from gtsam_nav.graph.problem import RECEIVER_STRIDE, Problem, Reading, StateAt
-from gtsam_nav.mission import GnssSeries, IntArray, Mission, Sensor
+from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.gnss_policy import GnssSettings
 from gtsam_nav.sensors.noise import GnssNoise
 from gtsam_nav.sensors.rates import angular_rate_b
+from gtsam_nav.series import GnssSeries, IntArray
 
 POSITION_OUTLIER, VELOCITY_OUTLIER = "position outlier", "velocity outlier"
 CARRIED_ACCELERATION_M_S2 = 0.3

@@ -15,9 +15,10 @@ from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.measurements.orientation import add_unmeasured_turn
 from gtsam_nav.graph.measurements.velocity import add_velocity
 from gtsam_nav.graph.problem import InertialStep, Problem
-from gtsam_nav.mission import BoolArray, ImuSeries, Mission, Sensor
+from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.strapdown import gravity_at
 from gtsam_nav.sensors.noise import ImuNoise
+from gtsam_nav.series import BoolArray, ImuSeries
 
 MAX_IMU_GAP_S = 0.2
 """An interval with a longer silence of the IMU is bridged."""

@@ -12,9 +12,10 @@ from gtsam_nav.frames import Array, rotation_from_rpy
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import L, X
 from gtsam_nav.graph.problem import Problem, Reading, StateAt
-from gtsam_nav.mission import LandmarkSeries, Mission, Rejection, Sensor
+from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.sensors.landmarks import Sighting, observe, place, sighting, trusted_ids
 from gtsam_nav.sensors.prediction import BodyState
+from gtsam_nav.series import LandmarkSeries
 
 UNKNOWN_M, LEVEL_M = 1e4, 1e-2
 """Spread of a landmark that was never surveyed, and of its depth where no sighting tells it."""

@@ -13,9 +13,10 @@ from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import M, X
 from gtsam_nav.graph.gauss_markov import gauss_markov
 from gtsam_nav.graph.problem import Problem, Reading, StateAt
-from gtsam_nav.mission import IntArray, Mission
+from gtsam_nav.mission import Mission
 from gtsam_nav.sensors.noise import HeadingNoise
 from gtsam_nav.sensors.orientation import headings_true, tilt_at
+from gtsam_nav.series import IntArray
 
 UNMEASURED_TURN_RAD2_S = np.radians(3.0) ** 2
 """Growth of the variance of a turn that neither gyro nor compass saw."""

@@ -14,8 +14,8 @@ from gtsam_nav.sensors.orientation import UNMEASURED_TILT_SIGMA_RAD
 VAGUE_M, VAGUE_RAD, VAGUE_M_S = 1e3, np.pi, 30.0
 """Spread of what the sensors' own factors know better of the start."""
 FIXES_SIGMAS = 3.0
-"""A start that comes from the fixes counts as a ninth of one: enough to tell, before there are
-others, which of the first are outliers."""
+"""While the fixes come in, the start that they tell together shows which of the first are outliers;
+the batch needs no such hint, and must not count them twice."""
 SLOW_M_S = 1.0
 """Speed at the start of a vehicle that a DVL or odometry tells of, or nothing."""
 
@@ -32,7 +32,9 @@ def add(problem: Problem, mission: Mission, _config: Config) -> None:
     if mission.initial.heading is None and (problem.has_compass or has_gnss):
         sigma_rpy[2] = VAGUE_RAD
     if has_gnss and mission.initial.p_n is None:
-        sigma_p *= FIXES_SIGMAS
+        hint = factors.position_prior(X(0), problem.p_n[0], FIXES_SIGMAS * sigma_p)
+        problem.hints.append(hint)
+        sigma_p[:] = VAGUE_M
     if mission.first("depth") is not None:
         sigma_p[2] = VAGUE_M
     sigma_v = VAGUE_M_S if has_gnss and not problem.measures_velocity else SLOW_M_S

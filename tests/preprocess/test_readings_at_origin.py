@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from gtsam_nav.frames import rotation_from_rpy
-from gtsam_nav.mission import ImuSeries, Sensor
+from gtsam_nav.mission import Sensor
 from gtsam_nav.preprocess.strapdown import gravity_at, integrate, readings_at_origin
+from gtsam_nav.series import ImuSeries
 from gtsam_nav.simulation.inertia import gravity_n, ideal_imu
 from gtsam_nav.simulation.marina import ORIGIN, marina
 from gtsam_nav.simulation.motion import Motion, MotionSettings

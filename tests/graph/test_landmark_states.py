@@ -9,7 +9,8 @@ import pytest
 
 import gtsam_nav as gn
 from gtsam_nav.frames import wrap_angle
-from gtsam_nav.mission import InitialState, LandmarkMap, LandmarkSeries, Mission
+from gtsam_nav.mission import InitialState, LandmarkMap, Mission
+from gtsam_nav.series import LandmarkSeries
 from gtsam_nav.simulation.marina import marina
 from gtsam_nav.solution import Solution
 
