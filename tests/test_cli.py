@@ -21,7 +21,7 @@ from gtsam_nav.config import Config
 from gtsam_nav.errors import DataError, EstimationError
 from gtsam_nav.mission import Mission
 from gtsam_nav.simulation import simulate
-from gtsam_nav.solution import Progress, Solution
+from gtsam_nav.solution import Solution
 from gtsam_nav.writers.mission_folder import write_mission
 
 DURATION_S = 30.0
@@ -302,7 +302,9 @@ def test_inspect_as_a_table_and_as_json(gtsam_nav: CommandLine, mission_folder: 
     table = gtsam_nav("inspect", mission_folder)
     assert table.code == 0
     assert "dvl" in table.out
-    assert "methods that can run: dr, graph" in table.out
+    assert (
+        "methods that can run: dr, ins-ekf, landmark-ekf, scan-match, pose-ekf, graph" in table.out
+    )
     document = gtsam_nav("inspect", mission_folder, "--json").document
     assert {sensor["name"] for sensor in document["sensors"]} >= {"imu", "dvl", "gnss"}
 
@@ -369,7 +371,7 @@ def test_wrong_usage_ends_in_2(gtsam_nav: CommandLine, arguments: list[str]) -> 
 def test_unknown_method_is_refused_before_the_mission_is_opened(gtsam_nav: CommandLine) -> None:
     refused = gtsam_nav("run", "absent", "--method", "magic")
     assert refused.code == 2
-    assert "dr, graph" in refused.err
+    assert "dr, ins-ekf, landmark-ekf, scan-match, pose-ekf, graph" in refused.err
     assert one_line(refused)
 
 
@@ -463,14 +465,14 @@ def test_a_method_without_its_sensors_ends_in_3(
     assert "DVL" in refused.err
 
 
-def failing(error: Exception) -> Callable[[Mission, str, Config, Progress], Solution]:
+def failing(error: Exception) -> Callable[..., Solution]:
     """`estimate` with a graph that fails."""
     estimate = registry.estimate
 
-    def stand_in(mission: Mission, method: str, config: Config, progress: Progress) -> Solution:
+    def stand_in(mission: Mission, method: str, *rest: Any, **named: Any) -> Solution:
         if method == "graph":
             raise error
-        return estimate(mission, method, config, progress)
+        return estimate(mission, method, *rest, **named)
 
     return stand_in
 

@@ -193,3 +193,22 @@ def marginals_of(graph: Any, values: Any, is_stiff: bool = False) -> Any:
         if not is_stiff:
             return marginals_of(graph, values, is_stiff=True)
         raise EstimationError(f"no covariance: {str(error).strip()[:200]}") from error
+
+
+def marginal_covariances(
+    graph: Any, values: Any, keys: list[int], is_stiff: bool = False
+) -> list[Array]:
+    """Marginal covariance of each variable, by QR where Cholesky gives up on any of them.
+
+    Raises
+    ------
+    EstimationError
+        Where the graph does not determine its variables.
+    """
+    marginals = marginals_of(graph, values, is_stiff)
+    try:
+        return [np.asarray(marginals.marginalCovariance(key)) for key in keys]
+    except RuntimeError as error:
+        if not is_stiff:
+            return marginal_covariances(graph, values, keys, is_stiff=True)
+        raise EstimationError(f"no covariance: {str(error).strip()[:200]}") from error

@@ -12,7 +12,7 @@ from gtsam_nav.frames import (
     rotation_from_rpy,
     wrap_angle,
 )
-from gtsam_nav.graph.backend import marginals_of
+from gtsam_nav.graph.backend import marginal_covariances
 from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.scan_matching import ScanMatch
@@ -32,16 +32,16 @@ def smoothed_covariances(
     ``P + U U' - C W C'`` with C the cross covariance of a variable with the planar poses and
     ``W = A - A (P_p^-1 + A)^-1 A``.
     """
-    marginals = marginals_of(graph, posterior.values, is_stiff)
+    sensors_only = marginal_covariances(graph, posterior.values, keys, is_stiff)
     CW = np.zeros_like(posterior.cross)
     if np.any(A):
         total = np.linalg.inv(posterior.planar_cov) + A
         W = A - A @ np.linalg.solve(total, A)
         CW = posterior.cross @ (0.5 * (W + W.T))
     updated = []
-    for key in keys:
+    for key, whole_cov in zip(keys, sensors_only, strict=True):
         own, free = posterior.columns[key], free_part(key)
-        cov = np.asarray(marginals.marginalCovariance(key))[free, free]
+        cov = whole_cov[free, free]
         spread = posterior.calibration.spread[own]
         whole = cov + spread @ spread.T - CW[own] @ posterior.cross[own].T
         updated.append(0.5 * (whole + whole.T))
