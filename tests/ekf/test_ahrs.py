@@ -50,7 +50,7 @@ def test_the_descent_ends_where_gravity_is_and_keeps_the_heading(
 def test_at_rest_it_finds_level_and_heading(rpy: tuple[float, float, float]) -> None:
     accel_b = rotation_from_rpy(rpy).T @ UP_N
     reference = Ahrs([0.0, 0.0, rpy[2] + 0.5], sigma_rpy=1.0)
-    for _ in range(100):
+    for _ in range(300):
         reference.turn(np.zeros(3), DT)
         reference.see_gravity(accel_b)
         reference.see_heading(rpy[2])
