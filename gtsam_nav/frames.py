@@ -112,11 +112,12 @@ def rpy_from_quaternion(q_wxyz: ArrayLike) -> Array:
 
 def skew(v: ArrayLike) -> Array:
     """Cross-product matrices [v]x, shape (..., 3, 3)."""
-    x, y, z = np.moveaxis(np.asarray(v, dtype=float), -1, 0)
-    o = np.zeros_like(x)
-    return np.stack(
-        [np.stack([o, -z, y], -1), np.stack([z, o, -x], -1), np.stack([-y, x, o], -1)], axis=-2
-    )
+    vectors = np.asarray(v, dtype=float)
+    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
+    out = np.zeros((*vectors.shape, 3))  # filled in place: filters call this often
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -z, y, -x
+    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = z, -y, x
+    return out
 
 
 def ned_from_geodetic(

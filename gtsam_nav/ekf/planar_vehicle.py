@@ -117,9 +117,11 @@ class PlanarVehicle:
         P : ndarray, shape (5, 5)
             Of the state.
         """
-        cov = np.diag([0.0, 0.0, self._sigma_depth[self._k], *[self._sigma_tilt[self._k]] * 2, 0.0])
-        cov **= 2
-        cov[np.ix_([0, 1, 5], [0, 1, 5])] = P[:3, :3]
+        cov = np.zeros((6, 6))
+        cov[:2, :2], cov[5, 5] = P[:2, :2], P[2, 2]
+        cov[:2, 5] = cov[5, :2] = P[:2, 2]
+        cov[2, 2] = self._sigma_depth[self._k] ** 2
+        cov[3, 3] = cov[4, 4] = self._sigma_tilt[self._k] ** 2
         return cov
 
     def after(self, P: Array, error: Array) -> Array:

@@ -227,18 +227,21 @@ def observe(
 def _polar(p_s: Array, elevation: bool) -> tuple[Array, Array]:
     """Range, bearing[, elevation] of points (k, 3), and the Jacobians (k, m, 3)."""
     x, y, z = p_s.T
-    level, distance = np.hypot(x, y), np.linalg.norm(p_s, axis=1)
-    values = [distance, np.arctan2(y, x), np.arctan2(-z, level)]
+    level = np.hypot(x, y)
+    distance = np.hypot(level, z)
     far, aside = distance > NO_DIRECTION_M, level > NO_DIRECTION_M
     u, v = np.where(far, distance, 1.0), np.where(aside, level, 1.0)
-    zero = np.zeros_like(x)
-    rows = [
-        np.where(far, p_s.T / u, 0.0),
-        np.where(aside, np.stack([-y, x, zero]) / v**2, 0.0),
-        np.where(far & aside, np.stack([x * z / v, y * z / v, -v]) / u**2, 0.0),
-    ]
     m = 3 if elevation else 2
-    return np.stack(values[:m], axis=-1), np.moveaxis(np.stack(rows[:m]), -1, 0)
+    values, jacobian = np.empty((len(x), m)), np.zeros((len(x), m, 3))
+    values[:, 0], values[:, 1] = distance, np.arctan2(y, x)
+    jacobian[:, 0] = p_s / u[:, None] * far[:, None]
+    jacobian[:, 1, 0], jacobian[:, 1, 1] = aside * -y / v**2, aside * x / v**2
+    if elevation:
+        values[:, 2] = np.arctan2(-z, level)
+        up = far & aside
+        jacobian[:, 2, 0], jacobian[:, 2, 1] = up * x * z / (v * u**2), up * y * z / (v * u**2)
+        jacobian[:, 2, 2] = up * -v / u**2
+    return values, jacobian
 
 
 def predict(
