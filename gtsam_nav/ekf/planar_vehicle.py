@@ -43,6 +43,8 @@ class PlanarVehicle:
 
     Attributes
     ----------
+    x : ndarray, shape (5,)
+        North, east, course, scale error, curvature.
     P_start : ndarray, shape (5, 5)
         Covariance of the state at the start.
     """
@@ -58,14 +60,14 @@ class PlanarVehicle:
         constants = [motion.scale_sigma, motion.curvature_sigma]
         self.P_start = np.diag([*start.sigma_p[:2], start.sigma_rpy[2], *constants]) ** 2
         self._k = 0
-        self._x = np.array([*start.p_n[:2], start.rpy[2], 0.0, 0.0])
+        self.x = np.array([*start.p_n[:2], start.rpy[2], 0.0, 0.0])
         self._v_n = np.zeros(3)
         self._body = self._whole()
 
     def advance(self) -> tuple[Array, Array]:
         """Go to the next time: the Jacobian A in the state, and the noise W Q W' that it adds."""
         k = self._k
-        course, scale, curvature = self._x[2:].tolist()
+        course, scale, curvature = self.x[2:].tolist()
         c, s = math.cos(course), math.sin(course)
         dx, dy = self._increments.displacement_b[k].tolist()
         north, east = c * dx - s * dy, s * dx + c * dy
@@ -84,11 +86,11 @@ class PlanarVehicle:
 
     def correct(self, error: Array) -> None:
         """Add to the state."""
-        self._x = self._x + error
+        self.x = self.x + error
         self._body = self._whole()
 
     def _whole(self) -> BodyState:
-        n, e, course = self._x[:3].tolist()
+        n, e, course = self.x[:3].tolist()
         c, s = math.cos(course), math.sin(course)
         R_nb = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ self._R_level[self._k]
         return BodyState(R_nb, np.array([n, e, self._depth[self._k]]), self._v_n)
