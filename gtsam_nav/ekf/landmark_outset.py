@@ -164,8 +164,8 @@ def _standing(
 def _record_times(mission: Mission, config: Config) -> Array:
     start_s, stop_s = mission.span_s
     rate_hz = config.motion.rate_hz
-    t = start_s + np.arange(int((stop_s - start_s) * rate_hz) + 2) * (1.0 / rate_hz)
-    return np.asarray(t[t <= stop_s], dtype=float)
+    t = start_s + np.arange(int((stop_s - start_s) * rate_hz) + 1) * (1.0 / rate_hz)
+    return np.append(t[t < stop_s], stop_s)
 
 
 def _since(t: Array, start_s: float) -> Array:

@@ -7,7 +7,7 @@ forgotten. Surveyed landmarks are never tentative.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.linalg import LinAlgError
@@ -139,10 +139,13 @@ class SightingUpdates:
         verdicts = [Verdict(NONE, np.inf)] * len(ids)
         taken: set[int] = set()
         # those that tell their landmark, the best first
-        own = {s: np.flatnonzero(named == ids[s]) for s in np.flatnonzero(ids >= 0).tolist()}
-        fit = {s: compared.nis[s, k[0]] if len(k) else np.inf for s, k in own.items()}
+        known = np.flatnonzero(ids >= 0).tolist()
+        own = {s: self._column(named, compared.nis[s], int(ids[s])) for s in known}
+        fit = {s: float(compared.nis[s, k]) if k != NONE else np.inf for s, k in own.items()}
         for s in sorted(own, key=lambda s: (fit[s], s)):
-            landmark = int(landmarks[own[s][0]]) if len(own[s]) else NONE
+            landmark = int(landmarks[own[s]]) if own[s] != NONE else NONE
+            if landmark != NONE and any(v.landmark == landmark for v in verdicts):
+                landmark = NONE  # nameless so far, and named by another
             verdicts[s] = self._verdict_by_id(landmark, fit[s], int(ids[s]) in taken)
             taken.add(int(ids[s]))
         unnamed = np.flatnonzero(ids < 0)
@@ -153,11 +156,20 @@ class SightingUpdates:
                 verdicts[s] = verdict
         return verdicts
 
+    def _column(self, named: IntArray, nis: Array, id_: int) -> int:
+        """Place of the landmark with an id among those considered, else of one that fits and was
+        only seen without; NONE where there is neither."""
+        own = np.flatnonzero(named == id_)
+        if len(own):
+            return int(own[0])
+        nameless = np.flatnonzero((named < 0) & (nis <= self.gate))
+        return int(nameless[np.argmin(nis[nameless])]) if len(nameless) else NONE
+
     def _considered(self, ids: IntArray) -> IntArray:
         """Landmarks that a moment's sightings may be of."""
         known = np.array([landmark.id for landmark in self.slam.landmarks], dtype=int)
         if np.all(ids >= 0):
-            return np.flatnonzero(np.isin(known, ids))
+            return np.flatnonzero(np.isin(known, ids) | (known < 0))
         return np.arange(len(known))
 
     def _verdict_by_id(self, landmark: int, nis: float, repeated: bool) -> Verdict:
@@ -198,8 +210,11 @@ class SightingUpdates:
             return
         for s in own:
             self.used.append((float(self.series.t[samples[s]]), verdicts[s].nis))
-            known = self.known[verdicts[s].landmark]
+            landmark, id_ = verdicts[s].landmark, int(self.ids[samples[s]])
+            known = self.known[landmark]
             known.sightings, known.moment = known.sightings + 1, self.moment
+            if id_ >= 0:
+                self.slam.landmarks[landmark] = replace(self.slam.landmarks[landmark], id=id_)
 
     def _augment(self, sample: int) -> None:
         """Add the landmark of a sighting, in place of a tentative one with its id."""

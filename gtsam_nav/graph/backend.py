@@ -168,47 +168,52 @@ def solve_batch(graph: Any, values: Any, is_stiff: bool = False) -> Any:
     return result
 
 
-def marginals_of(graph: Any, values: Any, is_stiff: bool = False) -> Any:
-    """What gives ``marginalCovariance(key)`` and ``jointMarginalCovariance(keys)``.
+class Covariances:
+    """Marginal covariances of a graph's variables, by QR where Cholesky gives up on any of them.
 
     Parameters
     ----------
+    graph : gtsam.NonlinearFactorGraph
+    values : gtsam.Values
+        Where to linearise.
     is_stiff : bool
         As for `solve_batch`.
-
-    Raises
-    ------
-    EstimationError
-        Where the graph does not determine its variables.
     """
-    try:
-        if is_stiff:
-            isam = _isam2(is_stiff)
-            isam.update(graph, values)
-            return isam
-        marginals = gtsam.Marginals(graph, values)
-        marginals.marginalCovariance(X(0))  # only then it factorises
-        return marginals
-    except RuntimeError as error:
+
+    def __init__(self, graph: Any, values: Any, is_stiff: bool = False) -> None:
+        self._graph, self._values = graph, values
+        self._by_qr: Any = None
+        self._by_cholesky: Any = None
         if not is_stiff:
-            return marginals_of(graph, values, is_stiff=True)
-        raise EstimationError(f"no covariance: {str(error).strip()[:200]}") from error
+            try:
+                self._by_cholesky = gtsam.Marginals(graph, values)
+            except RuntimeError:
+                self._by_cholesky = None
+
+    def joint(self, keys: list[int]) -> Array:
+        """Joint covariance of some variables, in their order.
+
+        Raises
+        ------
+        EstimationError
+            Where the graph does not determine its variables.
+        """
+        if self._by_cholesky is not None:
+            try:
+                return _joint(self._by_cholesky, keys)
+            except RuntimeError:
+                self._by_cholesky = None
+        try:
+            if self._by_qr is None:
+                self._by_qr = _isam2(is_stiff=True)
+                self._by_qr.update(self._graph, self._values)
+            return _joint(self._by_qr, keys)
+        except RuntimeError as error:
+            raise EstimationError(f"no covariance: {str(error).strip()[:200]}") from error
 
 
-def marginal_covariances(
-    graph: Any, values: Any, keys: list[int], is_stiff: bool = False
-) -> list[Array]:
-    """Marginal covariance of each variable, by QR where Cholesky gives up on any of them.
-
-    Raises
-    ------
-    EstimationError
-        Where the graph does not determine its variables.
-    """
-    marginals = marginals_of(graph, values, is_stiff)
-    try:
-        return [np.asarray(marginals.marginalCovariance(key)) for key in keys]
-    except RuntimeError as error:
-        if not is_stiff:
-            return marginal_covariances(graph, values, keys, is_stiff=True)
-        raise EstimationError(f"no covariance: {str(error).strip()[:200]}") from error
+def _joint(marginals: Any, keys: list[int]) -> Array:
+    if len(keys) == 1:
+        return np.asarray(marginals.marginalCovariance(keys[0]))
+    joint = marginals.jointMarginalCovariance(keys)
+    return np.block([[joint.at(a, b) for b in keys] for a in keys])

@@ -205,9 +205,11 @@ def sighting(
     residual, cov : ndarray, shapes (m,) and (m, m)
         Of the sighting at that offset.
     """
-    measured_b = offset_b - np.linalg.pinv(by_offset) @ residual
+    # the shortest step that takes the residual away
+    gram = by_offset @ by_offset.T + 1e-18 * np.eye(len(residual))
+    measured_b = offset_b - by_offset.T @ np.linalg.solve(gram, residual)
     root = np.zeros((9, 9))
-    root[: len(residual), 3:6] = np.linalg.cholesky(np.linalg.inv(cov)).T @ by_offset
+    root[: len(residual), 3:6] = np.linalg.solve(np.linalg.cholesky(cov), by_offset)
     noise = gtsam.noiseModel.Gaussian.SqrtInformation(root, False)
     measured = nav_state(np.eye(3), measured_b, np.zeros(3))
     return gtsam.BetweenFactorNavState(key, landmark, measured, noise)

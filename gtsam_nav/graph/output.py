@@ -12,7 +12,7 @@ from gtsam_nav.frames import (
     rotation_from_rpy,
     wrap_angle,
 )
-from gtsam_nav.graph.backend import marginal_covariances
+from gtsam_nav.graph.backend import Covariances
 from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.scan_matching import ScanMatch
@@ -32,16 +32,16 @@ def smoothed_covariances(
     ``P + U U' - C W C'`` with C the cross covariance of a variable with the planar poses and
     ``W = A - A (P_p^-1 + A)^-1 A``.
     """
-    sensors_only = marginal_covariances(graph, posterior.values, keys, is_stiff)
+    sensors_only = Covariances(graph, posterior.values, is_stiff)
     CW = np.zeros_like(posterior.cross)
     if np.any(A):
         total = np.linalg.inv(posterior.planar_cov) + A
         W = A - A @ np.linalg.solve(total, A)
         CW = posterior.cross @ (0.5 * (W + W.T))
     updated = []
-    for key, whole_cov in zip(keys, sensors_only, strict=True):
+    for key in keys:
         own, free = posterior.columns[key], free_part(key)
-        cov = whole_cov[free, free]
+        cov = sensors_only.joint([key])[free, free]
         spread = posterior.calibration.spread[own]
         whole = cov + spread @ spread.T - CW[own] @ posterior.cross[own].T
         updated.append(0.5 * (whole + whole.T))

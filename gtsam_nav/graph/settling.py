@@ -21,7 +21,7 @@ import numpy as np
 
 from gtsam_nav.frames import Array
 from gtsam_nav.graph import factors
-from gtsam_nav.graph.backend import marginals_of, solve_batch
+from gtsam_nav.graph.backend import Covariances, solve_batch
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.problem import Problem, Reading
 from gtsam_nav.mission import Rejection
@@ -186,7 +186,7 @@ class _Batch:
         """
         whole = gtsam.NonlinearFactorGraph(self.graph)
         whole.push_back(self.factors(estimate, weight > 0, cauchy_k))
-        marginals = marginals_of(whole, estimate.values, self.problem.is_stiff)
+        covariances = Covariances(whole, estimate.values, self.problem.is_stiff)
         squared = np.zeros(len(self.readings))
         for i in np.flatnonzero(self.gated).tolist():
             linear = estimate.made[i].linearize(estimate.values)
@@ -198,16 +198,9 @@ class _Batch:
             self.limit[i] = chi2_limit(probability, int(np.sum(rows)))
             clear = CLEAR_SHARE if weight[i] > 0.0 else 1.0
             if squared[i] > clear * self.limit[i]:
-                P = _joint_covariance(marginals, list(linear.keys()))
+                P = covariances.joint(list(linear.keys()))
                 squared[i] = _by_all_others(b[rows], A[rows] @ P @ A[rows].T, float(weight[i]))
         return squared
-
-
-def _joint_covariance(marginals: Any, keys: list[int]) -> Array:
-    if len(keys) == 1:
-        return np.asarray(marginals.marginalCovariance(keys[0]))
-    joint = marginals.jointMarginalCovariance(keys)
-    return np.block([[joint.at(a, b) for b in keys] for a in keys])
 
 
 def _by_all_others(e: Array, M: Array, weight: float) -> float:

@@ -17,7 +17,8 @@ from gtsam_nav.series import IntArray
 
 LEAST_VARIANCE = 1e-10
 """Of an increment, m^2 or rad^2: a standing vehicle still has a solvable problem."""
-STEPS = 12
+STEPS, LEAST_STEP = 12, 1e-5
+"""Of the least squares: most, and the size (m or rad) that ends them."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,8 @@ def smooth(
         _add_sightings(normal, gradient, x, seen, known, doubt)
         step = np.linalg.solve(normal, gradient)
         x -= step.reshape(-1, 3)
+        if np.max(np.abs(step)) < LEAST_STEP:
+            break
     return x, np.asarray(np.linalg.inv(normal))
 
 

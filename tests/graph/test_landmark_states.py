@@ -4,12 +4,18 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import gtsam
 import numpy as np
 import pytest
 
 import gtsam_nav as gn
-from gtsam_nav.frames import wrap_angle
-from gtsam_nav.mission import InitialState, LandmarkMap, Mission
+from gtsam_nav.frames import rotation_from_rpy, wrap_angle
+from gtsam_nav.graph import factors
+from gtsam_nav.graph.factors import L, X
+from gtsam_nav.graph.measurements.landmarks import Seen
+from gtsam_nav.mission import InitialState, LandmarkMap, Mission, Sensor
+from gtsam_nav.sensors.landmarks import Sighting, observe
+from gtsam_nav.sensors.prediction import BodyState
 from gtsam_nav.series import LandmarkSeries
 from gtsam_nav.simulation.marina import marina
 from gtsam_nav.solution import Solution
@@ -151,3 +157,39 @@ def test_a_stated_start_places_the_landmarks(robot: Mission) -> None:
     c, s = np.cos(1.0), np.sin(1.0)
     turned = local.landmarks.p_n[:, :2] @ np.array([[c, s], [-s, c]]) + [100.0, -50.0]
     np.testing.assert_allclose(solution.landmarks.p_n[:, :2], turned, atol=0.2)
+
+
+@pytest.mark.parametrize(("elevation", "level"), [(False, False), (False, True), (True, False)])
+def test_a_made_factor_is_that_of_the_sensor_model(elevation: bool, level: bool) -> None:
+    rng = np.random.default_rng(3)
+    sensor = Sensor(
+        name="landmarks",
+        type="landmarks",
+        series=gn.simulate("ranger", seed=0).sensors["landmarks"].series,
+        xyz_b=rng.normal(size=3),
+        R_bs=rotation_from_rpy([0.1, -0.2, 0.7]),
+    )
+    R_nb, p_n, landmark_n = rotation_from_rpy([0.1, 0.05, 2.5]), rng.normal(size=3), np.ones(3) * 4
+    body = BodyState(R_nb, p_n, np.zeros(3))
+    seen = Sighting(5.0, 3.0, 0.4 if elevation else None, 0.2, 0.05)
+    model = observe(body, landmark_n[None], sensor, elevation=elevation, level=np.array([level]))
+    wanted = factors.sighting(
+        X(0),
+        L(0),
+        R_nb.T @ (landmark_n - p_n),
+        model.jacobian_landmark[0] @ R_nb,
+        model.residual(seen.measured)[0],
+        2.0 * seen.cov,
+    )
+    states = {
+        int(X(0)): factors.nav_state(R_nb, p_n, np.zeros(3)),
+        int(L(0)): factors.nav_state(np.eye(3), landmark_n, np.zeros(3)),
+    }
+    values = gtsam.Values()
+    for key, state in states.items():
+        values.insert(key, state)
+    made = Seen(0, int(L(0)), seen, sensor, level, excess=2.0).make(states.__getitem__)
+    for got, want in zip(
+        made.linearize(values).jacobian(), wanted.linearize(values).jacobian(), strict=True
+    ):
+        np.testing.assert_allclose(got, want, atol=1e-9)

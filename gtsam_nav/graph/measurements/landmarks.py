@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,7 +14,15 @@ from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import L, X
 from gtsam_nav.graph.problem import Problem, Reading, StateAt
 from gtsam_nav.mission import Mission, Rejection, Sensor
-from gtsam_nav.sensors.landmarks import Sighting, observe, place, sighting, trusted_ids
+from gtsam_nav.sensors.landmarks import (
+    NO_DIRECTION_M,
+    Sighting,
+    place,
+    sighting,
+    trusted_ids,
+    variance_factors,
+)
+from gtsam_nav.sensors.noise import LandmarkNoise
 from gtsam_nav.sensors.prediction import BodyState
 from gtsam_nav.series import LandmarkSeries
 
@@ -22,39 +31,70 @@ UNKNOWN_M, LEVEL_M = 1e4, 1e-2
 
 
 @dataclass(frozen=True)
-class _Seen:
-    """One sighting at keyframe k of a landmark, by a sensor as if mounted on that keyframe's body;
-    ``level``: the landmark is taken to lie level with the sensor."""
+class Seen:
+    """One sighting at keyframe k of the landmark with this key.
+
+    Attributes
+    ----------
+    sensor : Sensor
+        As if mounted on that keyframe's body.
+    level : bool
+        The landmark is taken to lie level with the sensor.
+    excess : float
+        By how much its variance grows because earlier sightings share its error.
+    """
 
     k: int
     key: int
     values: Sighting
     sensor: Sensor
     level: bool
+    excess: float = 1.0
 
     def make(self, state_at: StateAt) -> Any:
-        """The native factor, linear about the present estimate."""
-        body, landmark_n = _body(state_at(X(self.k))), state_at(self.key).position()
-        observed = observe(
-            body,
-            landmark_n[None],
-            self.sensor,
-            elevation=self.values.elevation is not None,
-            level=np.array([self.level]),
-        )
-        return factors.sighting(
-            X(self.k),
-            self.key,
-            body.R_nb.T @ (landmark_n - body.p_n),
-            observed.jacobian_landmark[0] @ body.R_nb,
-            observed.residual(self.values.measured)[0],
-            self.values.cov,
-        )
+        """The native factor, linear about the present estimate.
+
+        As `sensors.landmarks.observe` has it, for one landmark: thousands of sightings are made
+        anew many times.
+        """
+        body, landmark_n = state_at(X(self.k)), state_at(self.key).position()
+        R_nb = body.attitude().matrix()
+        offset_b = R_nb.T @ (landmark_n - body.position())
+        counted_b = offset_b - self.sensor.xyz_b
+        if self.level:
+            counted_b = counted_b - R_nb[2] * (R_nb[2] @ counted_b)
+        values, by_point = _polar(self.sensor.R_bs.T @ counted_b, self.values.elevation is not None)
+        by_offset = by_point @ self.sensor.R_bs.T
+        if self.level:
+            by_offset = by_offset - np.outer(by_offset @ R_nb[2], R_nb[2])
+        residual = values - self.values.measured
+        residual[1:] = (residual[1:] + np.pi) % (2 * np.pi) - np.pi
+        residual[~np.any(by_point, axis=1)] = 0.0
+        cov = self.excess * self.values.cov
+        return factors.sighting(X(self.k), self.key, offset_b, by_offset, residual, cov)
 
     def first_place(self, state_at: StateAt) -> Any:
         """The landmark where the sighting puts it."""
-        p_n = place(_body(state_at(X(self.k))), self.values, self.sensor).p_n
+        state = state_at(X(self.k))
+        body = BodyState(state.attitude().matrix(), state.position(), state.velocity())
+        p_n = place(body, self.values, self.sensor).p_n
         return factors.nav_state(np.eye(3), p_n, np.zeros(3))
+
+
+def _polar(p_s: Array, elevation: bool) -> tuple[Array, Array]:
+    """Range, bearing[, elevation] of a point in sensor axes, and their Jacobian (m, 3)."""
+    x, y, z = p_s.tolist()
+    level, distance = math.hypot(x, y), math.hypot(x, y, z)
+    values, jacobian = np.zeros(3), np.zeros((3, 3))
+    values[:] = distance, math.atan2(y, x), math.atan2(-z, level)
+    if distance > NO_DIRECTION_M:
+        jacobian[0] = x / distance, y / distance, z / distance
+    if level > NO_DIRECTION_M:
+        jacobian[1, :2] = -y / level**2, x / level**2
+        jacobian[2] = x * z / level, y * z / level, -level
+        jacobian[2] /= distance**2
+    m = 3 if elevation else 2
+    return values[:m], jacobian[:m]
 
 
 def add(problem: Problem, mission: Mission, config: Config) -> None:
@@ -70,6 +110,7 @@ def _add_sightings(problem: Problem, mission: Mission, sensor: Sensor, config: C
     known = _surveyed(mission, config)
     ids = trusted_ids(series, config.landmarks)
     keyframe = problem.keyframe_nearest(series.t)
+    excess = variance_factors(series.t, LandmarkNoise.model_validate(sensor.noise))
     for i, (landmark, k) in enumerate(zip(ids.tolist(), keyframe.tolist(), strict=True)):
         t, row = float(series.t[i]), int(series.row[i])
         if landmark < 0:
@@ -77,12 +118,13 @@ def _add_sightings(problem: Problem, mission: Mission, sensor: Sensor, config: C
             continue
         is_new = landmark not in problem.landmarks
         key = problem.landmarks.setdefault(landmark, int(L(len(problem.landmarks))))
-        seen = _Seen(
+        seen = Seen(
             k,
             key,
             sighting(series, i),
             _mounted_at(problem, k, t, sensor),
             level=series.elevation is None and landmark not in known,
+            excess=float(excess[i]),
         )
         if is_new:
             _add_landmark(problem, seen, known.get(landmark))
@@ -110,7 +152,7 @@ def _surveyed(mission: Mission, config: Config) -> dict[int, tuple[Array, float]
     return {landmark: (p_n, sigma) for landmark, p_n, sigma in rows}
 
 
-def _add_landmark(problem: Problem, seen: _Seen, known: tuple[Array, float] | None) -> None:
+def _add_landmark(problem: Problem, seen: Seen, known: tuple[Array, float] | None) -> None:
     """A landmark where the map has it, or where its first sighting puts it."""
     if known is not None:
         p_n, sigma = known
@@ -122,10 +164,6 @@ def _add_landmark(problem: Problem, seen: _Seen, known: tuple[Array, float] | No
         p_n = seen.first_place(lambda _: problem.initial_state(seen.k)).position()
         spread = np.array([UNKNOWN_M, UNKNOWN_M, LEVEL_M if seen.level else UNKNOWN_M])
     problem.add(seen.k, seen.sensor.name, factors.landmark_prior(seen.key, p_n, spread))
-
-
-def _body(state: Any) -> BodyState:
-    return BodyState(state.attitude().matrix(), state.position(), state.velocity())
 
 
 def _mounted_at(problem: Problem, k: int, t: float, sensor: Sensor) -> Sensor:

@@ -1,0 +1,105 @@
+"""Planar dead reckoning: displacements, turns and how their noise adds up."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rovers import SIGMA_V_M_S, SIGMA_YAW_RATE_RAD_S, STEP_S, rover, truth
+
+from gtsam_nav.errors import DataError
+from gtsam_nav.frames import wrap_angle
+from gtsam_nav.mission import Mission, Sensor
+from gtsam_nav.preprocess.planar_motion import PlanarMotion, planar_motion
+from gtsam_nav.preprocess.settings import MotionSettings
+from gtsam_nav.series import DvlSeries, HeadingSeries, OdometrySeries
+
+SETTINGS = MotionSettings()
+
+
+def motion_of(mission: Mission) -> PlanarMotion:
+    motion = planar_motion(mission, SETTINGS)
+    assert motion is not None
+    return motion
+
+
+def odometry_of(mission: Mission) -> OdometrySeries:
+    series = mission.sensors["odometry"].series
+    assert isinstance(series, OdometrySeries)
+    return series
+
+
+def test_odometry_is_integrated_along_its_course() -> None:
+    t, p, course, _ = truth(24.0)
+    motion = motion_of(rover(noise=0.0, duration_s=24.0))
+    walked, turned, _ = motion.at(t)
+    np.testing.assert_allclose(walked, p - p[0], atol=1e-3)
+    np.testing.assert_allclose(turned, course, atol=1e-9)
+    assert not motion.course_is_heading
+
+
+def test_increments_are_in_the_axes_of_their_start() -> None:
+    t, p, course, _ = truth(24.0)
+    some = np.arange(0, len(t), 40)
+    increments = motion_of(rover(noise=0.0, duration_s=24.0)).increments(t[some])
+    step = np.diff(p[some], axis=0)
+    c, s = np.cos(course[some[:-1]]), np.sin(course[some[:-1]])
+    along = np.column_stack([c * step[:, 0] + s * step[:, 1], c * step[:, 1] - s * step[:, 0]])
+    np.testing.assert_allclose(increments.displacement_b, along, atol=1e-3)
+    np.testing.assert_allclose(increments.turn, np.diff(course[some]), atol=1e-9)
+
+
+def test_white_noise_of_each_reading_adds_up() -> None:
+    variance = motion_of(rover(duration_s=10.0)).increments(np.array([1.0, 5.0])).variance[0]
+    expected = np.array([SIGMA_V_M_S, SIGMA_V_M_S, SIGMA_YAW_RATE_RAD_S]) ** 2 * 4.0 * STEP_S
+    np.testing.assert_allclose(variance, expected, rtol=0.1)
+
+
+def test_the_variance_is_that_of_many_drawn_runs() -> None:
+    ends = np.array([motion_of(rover(seed=k, duration_s=4.0)).course[-1] for k in range(300)])
+    assert np.var(ends) == pytest.approx(motion_of(rover(duration_s=4.0)).variance[-1, 2], rel=0.25)
+
+
+def test_a_silence_costs_certainty() -> None:
+    mission = rover(duration_s=20.0)
+    series = odometry_of(mission)
+    gap = (series.t < 8.0) | (series.t > 12.0)
+    silent = mission.with_sensor(replace(mission.sensors["odometry"], series=series.select(gap)))
+    span = np.array([8.0, 12.0])
+    bridged = motion_of(silent).increments(span).variance[0]
+    assert np.all(bridged > 10 * motion_of(mission).increments(span).variance[0])
+
+
+def test_a_compass_is_the_course() -> None:
+    mission = rover(duration_s=20.0)
+    t, _, course, _ = truth(20.0)
+    heading = HeadingSeries(t=t, heading=wrap_angle(course + 1.0), sigma=np.full(len(t), 0.01))
+    motion = motion_of(mission.with_sensor(Sensor("heading", "heading", heading)))
+    assert motion.course_is_heading
+    assert motion.curvature_sigma == 0.0
+    np.testing.assert_allclose(np.diff(motion.at(t)[1]), np.diff(course), atol=1e-9)
+    np.testing.assert_allclose(wrap_angle(motion.at(t)[1] - course - 1.0), 0.0, atol=1e-9)
+
+
+def test_a_dvl_with_a_compass_moves_a_vehicle() -> None:
+    t, p, course, _ = truth(20.0)
+    n = len(t)
+    dvl = DvlSeries(
+        t=t,
+        v_d=np.tile([0.5, 0.0, 0.0], (n, 1)),
+        sigma=np.full(n, 0.01),
+        valid=np.ones(n, dtype=bool),
+        bottom_lock=np.ones(n, dtype=bool),
+    )
+    heading = HeadingSeries(t=t, heading=wrap_angle(course), sigma=np.full(n, 0.01))
+    sensors = (Sensor("dvl", "dvl", dvl), Sensor("heading", "heading", heading))
+    mission = Mission("boat", {sensor.name: sensor for sensor in sensors})
+    walked, _, _ = motion_of(mission).at(t)
+    np.testing.assert_allclose(walked, p - p[0], atol=0.02)
+    with pytest.raises(DataError, match="a DVL alone tells no turns"):
+        planar_motion(mission.without("heading"), SETTINGS)
+
+
+def test_nothing_that_moves_is_no_motion() -> None:
+    assert planar_motion(rover(duration_s=5.0).without("odometry"), SETTINGS) is None
