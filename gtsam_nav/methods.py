@@ -7,7 +7,7 @@ nothing else before it is called.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib import import_module
 from typing import TYPE_CHECKING
 
@@ -21,19 +21,57 @@ if TYPE_CHECKING:
 
     Method = Callable[[Mission, Config, Progress], Solution]
 
+
+def _has_velocity(mission: Mission) -> bool:
+    from gtsam_nav.preprocess.motion import measures_velocity
+
+    return measures_velocity(mission)
+
+
+def _has_imu(mission: Mission) -> bool:
+    return mission.first("imu") is not None
+
+
+def _has_motion(mission: Mission) -> bool:
+    return _has_velocity(mission) or _has_imu(mission)
+
+
+def _has_landmarks(mission: Mission) -> bool:
+    return mission.first("landmarks") is not None
+
+
+def _has_sonar(mission: Mission) -> bool:
+    return mission.sonar_kind is not None
+
+
+@dataclass(frozen=True)
+class _Method:
+    """Where a method's ``estimate`` is, and what a mission must have for it."""
+
+    module: str
+    needs: tuple[Callable[[Mission], bool], ...]
+
+
 _METHODS = {
-    "dr": "gtsam_nav.ekf.dead_reckoning",
-    "ins-ekf": "gtsam_nav.ekf.ins",
-    "landmark-ekf": "gtsam_nav.ekf.landmark_slam",
-    "scan-match": "gtsam_nav.ekf.scan_match",
-    "pose-ekf": "gtsam_nav.ekf.pose_slam",
-    "graph": "gtsam_nav.graph.estimator",
+    "dr": _Method("gtsam_nav.ekf.dead_reckoning", (_has_velocity,)),
+    "ins-ekf": _Method("gtsam_nav.ekf.ins", (_has_imu,)),
+    "landmark-ekf": _Method("gtsam_nav.ekf.landmark_slam", (_has_landmarks, _has_motion)),
+    "scan-match": _Method("gtsam_nav.ekf.scan_match", (_has_sonar, _has_velocity)),
+    "pose-ekf": _Method("gtsam_nav.ekf.pose_slam", (_has_sonar, _has_velocity)),
+    "graph": _Method("gtsam_nav.graph.estimator", (_has_motion,)),
 }
 
 
 def methods() -> tuple[str, ...]:
     """Names that `estimate` takes."""
     return tuple(_METHODS)
+
+
+def runnable_methods(mission: Mission) -> tuple[str, ...]:
+    """Names of the methods that a mission has the sensors for."""
+    return tuple(
+        name for name, method in _METHODS.items() if all(need(mission) for need in method.needs)
+    )
 
 
 def check_method(method: str) -> None:
@@ -90,7 +128,7 @@ def estimate(
         from gtsam_nav.simulation import inject
 
         blind = inject(blind, faults, config.seed)
-    run: Method = import_module(_METHODS[method]).estimate
+    run: Method = import_module(_METHODS[method].module).estimate
     try:
         # matrices of a thousand rows: more BLAS threads spend their time waiting for each other
         with threadpool_limits(limits=1, user_api="blas"):

@@ -317,3 +317,8 @@ def test_json_document_is_plain(mission: Mission) -> None:
     document = json.loads(json.dumps(audit(mission).to_json(), allow_nan=False))
     assert document["sensors"][0]["name"] == "imu"
     assert document["headings"][0]["velocity"] == "dvl"
+
+
+def test_a_dvl_without_a_valid_sample_measures_no_velocity(mission: Mission) -> None:
+    found = audit(altered(mission, "dvl", np.zeros_like, "valid"))
+    assert set(found.methods) == {"ins-ekf", "graph"}

@@ -52,7 +52,8 @@ class Spy:
 def spy(monkeypatch: pytest.MonkeyPatch) -> Spy:
     spy = Spy()
     monkeypatch.setitem(sys.modules, "spy_method", SimpleNamespace(estimate=spy.estimate))  # type: ignore[arg-type]
-    monkeypatch.setitem(sys.modules["gtsam_nav.methods"]._METHODS, "spy", "spy_method")
+    registry = sys.modules["gtsam_nav.methods"]
+    monkeypatch.setitem(registry._METHODS, "spy", registry._Method("spy_method", ()))
     return spy
 
 

@@ -6,8 +6,6 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import numpy as np
-
 from gtsam_nav.audit.findings import Finding
 from gtsam_nav.audit.heading import (
     HeadingAgainstCourse,
@@ -18,9 +16,8 @@ from gtsam_nav.audit.inertial import inertial_findings
 from gtsam_nav.audit.motion import DvlLock, dvl_lock, initial_rest_s, lock_findings, velocity_sensor
 from gtsam_nav.audit.sonar import SonarHead, sonar_findings, sonar_head
 from gtsam_nav.audit.timing import SensorTiming, sensor_timing, timing_findings
-from gtsam_nav.methods import methods
+from gtsam_nav.methods import runnable_methods
 from gtsam_nav.mission import Mission
-from gtsam_nav.series import DvlSeries
 
 
 @dataclass(frozen=True)
@@ -114,13 +111,3 @@ def audit(mission: Mission) -> Audit:
         findings=tuple(findings()),
         warnings=mission.warnings,
     )
-
-
-def runnable_methods(mission: Mission) -> tuple[str, ...]:
-    """Names of the estimation methods that the mission's sensors suffice for.
-
-    All of this version need a velocity: a DVL with valid samples, or odometry.
-    """
-    dvls = [dvl.series for dvl in mission.of_type("dvl")]
-    has_dvl = any(isinstance(series, DvlSeries) and np.any(series.valid) for series in dvls)
-    return methods() if has_dvl or mission.of_type("odometry") else ()

@@ -77,7 +77,8 @@ class GraphSettings(Settings):
     anchor_spacing_s : float
         Fixes and sightings get keyframes of their own unless they follow each other faster.
     imu_min_rate_hz : float
-        A slower IMU is not preintegrated: rotations then come from the AHRS.
+        A slower IMU is not preintegrated where a DVL or odometry measures the velocity: rotations
+        then come from the AHRS.
     keyframes_per_update : int
         Keyframes handed to iSAM2 at once.
     huber_k : float

@@ -23,6 +23,7 @@ from gtsam_nav.sensors.prediction import chi2_limit
 from gtsam_nav.sensors.rates import angular_rate_b
 from gtsam_nav.series import (
     BoolArray,
+    DvlSeries,
     GnssSeries,
     HeadingSeries,
     ImuSeries,
@@ -105,8 +106,13 @@ class VehicleMotion:
 
 
 def measures_velocity(mission: Mission) -> bool:
-    """Whether a mission has a sensor of the vehicle's speed: a DVL or odometry."""
-    return mission.first("dvl") is not None or mission.first("odometry") is not None
+    """Whether a mission has readings of the vehicle's speed: a DVL's valid ones, or odometry."""
+    return any(
+        np.count_nonzero(sensor.series.valid) >= 2
+        if isinstance(sensor.series, DvlSeries)
+        else len(sensor.series) >= 2
+        for sensor in (*mission.of_type("dvl"), *mission.of_type("odometry"))
+    )
 
 
 def vehicle_motion(mission: Mission, start: Alignment, settings: MotionSettings) -> VehicleMotion:

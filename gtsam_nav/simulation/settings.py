@@ -129,7 +129,7 @@ class LandmarkSimulation(Settings):
     Attributes
     ----------
     max_range_m : float
-        Nothing further away is seen.
+        Nothing further away is seen; the default is how far a camera sees in a harbour's water.
     sigma_range_m, sigma_range_share : float
         The error of a range: a constant part, and one that grows with the range.
     sigma_bearing_deg : float
@@ -143,7 +143,7 @@ class LandmarkSimulation(Settings):
     """
 
     rate_hz: float = Field(default=1.0, gt=0)
-    max_range_m: float = Field(default=20.0, gt=0)
+    max_range_m: float = Field(default=8.0, gt=0)
     sigma_range_m: float = Field(default=0.3, gt=0)
     sigma_range_share: float = Field(default=0.0, ge=0)
     sigma_bearing_deg: float = Field(default=2.0, gt=0)

@@ -18,14 +18,16 @@ from gtsam_nav.sensors.landmarks import Sighting, observe
 from gtsam_nav.sensors.prediction import BodyState
 from gtsam_nav.series import LandmarkSeries
 from gtsam_nav.simulation.marina import marina
+from gtsam_nav.simulation.settings import LandmarkSimulation, SimulationSettings
 from gtsam_nav.solution import Solution
 
 WORLD = marina()
+CLEAR_WATER = SimulationSettings(landmarks=LandmarkSimulation(max_range_m=20.0))
 
 
 @pytest.fixture(scope="module")
 def mission() -> Mission:
-    return gn.simulate("marina", seed=5, duration_s=150.0).without("sonar")
+    return gn.simulate("marina", seed=5, duration_s=150.0, settings=CLEAR_WATER).without("sonar")
 
 
 @pytest.fixture(scope="module")

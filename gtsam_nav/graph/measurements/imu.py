@@ -16,6 +16,7 @@ from gtsam_nav.graph.measurements.orientation import add_unmeasured_turn
 from gtsam_nav.graph.measurements.velocity import add_velocity
 from gtsam_nav.graph.problem import InertialStep, Problem
 from gtsam_nav.mission import Mission, Sensor
+from gtsam_nav.preprocess.motion import measures_velocity
 from gtsam_nav.preprocess.strapdown import gravity_at
 from gtsam_nav.sensors.noise import ImuNoise
 from gtsam_nav.series import BoolArray, ImuSeries
@@ -28,9 +29,10 @@ COASTING_STEP_S = 0.1
 
 
 def preintegrable(mission: Mission, min_rate_hz: float) -> Sensor | None:
-    """The first IMU that samples fast enough; None without one."""
+    """The first IMU that samples fast enough, or at all where nothing else tells the velocity."""
+    longest_s = 1.0 / min_rate_hz if measures_velocity(mission) else np.inf
     for imu in mission.of_type("imu"):
-        if len(imu.series) > 1 and np.median(np.diff(imu.series.t)) <= 1.0 / min_rate_hz:
+        if len(imu.series) > 1 and np.median(np.diff(imu.series.t)) <= longest_s:
             return imu
     return None
 
