@@ -263,7 +263,9 @@ def raw_columns(draw: st.DrawFn) -> tuple[type[Series], dict[str, Any]]:
     n = draw(st.integers(0, 12))
     columns = {}
     for name, spec in series_type.column_specs().items():
-        if name == "row" or (spec["optional"] and draw(st.booleans())):
+        # readers give every measurement its sigma
+        is_sigma = name in ("sigma_range", "sigma_bearing")
+        if name == "row" or (spec["optional"] and not is_sigma and draw(st.booleans())):
             continue
         size = int(np.prod((n, *spec["shape"])))
         values = draw(st.lists(numbers, min_size=size, max_size=size))
