@@ -1,8 +1,9 @@
 """Three published systems beside ours, over many seeds.
 
 ``python -m benchmarks.seeds [--seeds N] [--stpere FOLDER] [--json FILE]`` prints one table per
-system. [A] INS aided by landmark SLAM, [B] pose-based SLAM with a scanning sonar (the real logs
-with ``--stpere``), [C] INS/GPS EKF with outlier rejection.
+system and writes them as JSON, to ``out/seeds.json`` unless told where. [A] INS aided by landmark
+SLAM, [B] pose-based SLAM with a scanning sonar (the real logs with ``--stpere``), [C] INS/GPS EKF
+with outlier rejection.
 """
 
 from __future__ import annotations
@@ -35,20 +36,20 @@ def tables(systems: list[str], seeds: int, workers: int, folder: Path | None) ->
 
 
 def main() -> None:
-    """Print the tables and write them as JSON where asked."""
+    """Print the tables and write them as JSON."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.seeds", description=__doc__)
     parser.add_argument("--seeds", type=int, default=5, help="simulated missions of each kind")
     parser.add_argument("--system", nargs="+", choices=SYSTEMS, default=list(SYSTEMS))
     parser.add_argument("--stpere", type=Path, help="folder of the St. Pere logs")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes")
-    parser.add_argument("--json", type=Path, help="write the tables here")
+    parser.add_argument("--json", type=Path, default=Path("out/seeds.json"), help="the tables")
     arguments = parser.parse_args()
     done = []
     for table in tables(arguments.system, arguments.seeds, arguments.workers, arguments.stpere):
         print(table.text(), end="\n\n", flush=True)
         done.append(asdict(table))
-    if arguments.json:
-        arguments.json.write_text(json.dumps(done, indent=2) + "\n", encoding="utf-8")
+    arguments.json.parent.mkdir(parents=True, exist_ok=True)
+    arguments.json.write_text(json.dumps(done, indent=2) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

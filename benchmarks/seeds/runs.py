@@ -11,7 +11,7 @@ import numpy as np
 
 import gtsam_nav as gn
 from gtsam_nav.evaluation.matching import match
-from gtsam_nav.evaluation.metrics import reference_series
+from gtsam_nav.evaluation.metrics import LEAST_COVERAGE, reference_series
 from gtsam_nav.frames import Array
 
 
@@ -57,13 +57,15 @@ class Errors:
 
 
 def run(job: Job) -> Errors:
-    """Simulate, estimate, compare."""
+    """Simulate, estimate, compare; a run that leaves part of the mission out has failed."""
     mission = gn.simulate(job.scenario, seed=job.seed)
     config = gn.load_config(None, (f"seed={job.seed}", *job.overrides))
     solution = gn.estimate(mission, job.method, config, faults=job.faults)
     assert mission.reference is not None
     matched = match(solution.trajectory, reference_series(mission.reference))
-    assert matched is not None
+    if matched is None or matched.coverage < LEAST_COVERAGE:
+        coverage = 0.0 if matched is None else matched.coverage
+        raise SystemExit(f"{job.label}, seed {job.seed}: covers {coverage:.3f} of its mission")
     return errors(matched.estimate.p_n - matched.reference.p_n)
 
 
