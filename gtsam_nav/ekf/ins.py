@@ -80,7 +80,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         georeferenced=start.georeferenced,
         online=online if config.ins_ekf.smooth else None,
         rejections=(*mission.rejections, *rejections, *history.rejections),
-        warnings=mission.warnings,
+        warnings=(*mission.warnings, *_silences(strapdown, imu, t)),
         slow_states=_slow_states(states, P, imu),
         innovations=_innovations(aids, history),
         gnss_used=_fixes_used(aids, history),
@@ -96,6 +96,15 @@ def _imu(mission: Mission) -> Sensor:
             f" {', '.join(sorted(mission.sensors)) or 'no sensor'}"
         )
     return imu
+
+
+def _silences(strapdown: Strapdown, imu: Sensor, t: Array) -> tuple[str, ...]:
+    """What is said of spells without readings."""
+    return tuple(
+        f"the IMU '{imu.name}' is silent from {a:.1f} s to {b:.1f} s: the vehicle is taken to keep"
+        " its velocity"
+        for a, b in strapdown.silences(float(t[0]), float(t[-1]))
+    )
 
 
 def _record_times(start_s: float, stop_s: float, rate_hz: float) -> Array:

@@ -144,6 +144,14 @@ class Strapdown:
         )
         return Span(InertialState(to_s, x[:4], p_n, x[4:7], x[7:10], x[10:]), Phi, Q)
 
+    def silences(self, from_s: float, to_s: float) -> Array:
+        """First and last moment of each spell within a span that no held reading covers, (k, 2)."""
+        from gtsam_nav.ekf import _strapdown
+
+        marks = np.concatenate([[from_s], self.t[(self.t > from_s) & (self.t < to_s)], [to_s]])
+        long = np.flatnonzero(np.diff(marks) > max(self.max_gap_s, _strapdown.HOLD_S))
+        return np.column_stack([marks[long], marks[long + 1]])
+
     def rate_b(self, state: InertialState) -> Array:
         """Angular rate of the body against the Earth at a state's time, shape (3,), rad/s."""
         k = int(np.searchsorted(self.t, state.t))

@@ -178,6 +178,7 @@ def test_a_silent_imu_of_a_second_is_bridged() -> None:
 def test_a_silent_imu_of_a_minute_is_survived(compass: bool) -> None:
     mission = laps() if compass else laps().without("heading")
     alone = estimate(mission, faults=("imu:gap=50:110", "gnss:gap=50:110"))
+    assert "silent from 50.0 s to 110.0 s" in " ".join(alone.warnings)
     sigma = alone.trajectory.sigma_p_n
     assert sigma is not None
     lost = error_m(alone, mission, 50.0, 110.0)
