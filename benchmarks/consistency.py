@@ -31,8 +31,8 @@ from gtsam_nav.evaluation.ensemble import (
 from gtsam_nav.simulation.settings import SimulationSettings
 from gtsam_nav.solution import Innovations
 
-BIN_S = 10.0
-"""Innovations of so long a span are averaged together."""
+BIN_S = 1.0
+"""Innovations of so long a span are averaged together: that of the slowest sensor."""
 
 
 @dataclass(frozen=True)
