@@ -18,6 +18,14 @@ from gtsam_nav.series import BoolArray, IntArray
 
 MAX_GAP_S = 5.0
 """Interpolation never bridges a longer gap."""
+SAME_TIME_S = 1e-6
+"""Nearer moments are told apart by rounding alone."""
+
+
+def record_times(start_s: float, stop_s: float, rate_hz: float) -> Array:
+    """Times of a trajectory: uniform from the start, and the last moment itself."""
+    t = start_s + np.arange(int((stop_s - start_s) * rate_hz) + 1) / rate_hz
+    return np.append(t[t < stop_s - SAME_TIME_S], stop_s)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,7 +18,7 @@ from gtsam_nav.frames import (
     rpy_from_rotation,
     wrap_angle,
 )
-from gtsam_nav.trajectory import Trajectory
+from gtsam_nav.trajectory import Trajectory, record_times
 
 OMEGA_B = np.array([0.1, -0.05, 0.3])
 V_N = np.array([0.5, -0.2, 0.05])
@@ -232,3 +232,12 @@ def test_sigmas_need_a_covariance() -> None:
     sigma_p_n = full().sigma_p_n
     assert sigma_p_n is not None
     np.testing.assert_allclose(sigma_p_n[4] ** 2, np.diag(covariances(21)[4])[:3])
+
+
+@pytest.mark.parametrize("stop_s", [2.0, 2.04, 2.1, 3.0000000001])
+def test_a_trajectory_ends_where_its_mission_does(stop_s: float) -> None:
+    t = record_times(2.0, stop_s, 10.0)
+    assert t[-1] == stop_s
+    assert np.all(np.diff(t) > 1e-6)
+    assert np.all(np.diff(t) <= 0.1 + 1e-6)
+    assert len(t) == 1 or t[0] == 2.0

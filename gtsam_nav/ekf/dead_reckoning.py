@@ -29,7 +29,7 @@ from gtsam_nav.sensors.prediction import chi2_limit
 from gtsam_nav.sensors.rates import angular_rate_b
 from gtsam_nav.series import DepthSeries, IntArray, OdometrySeries
 from gtsam_nav.solution import Innovations, Progress, Solution, StageClock
-from gtsam_nav.trajectory import Trajectory
+from gtsam_nav.trajectory import Trajectory, record_times
 
 START_SIGMA = (10.0, 10.0, 5.0, 1.0)
 """Of u, v, w (m/s) and r (rad/s) before the first measurement; their mean is zero. Wide, since a
@@ -135,7 +135,7 @@ def dead_reckon(
     """
     measurements, left_out = collect_measurements(mission, config.motion)
     gate = np.array([chi2_limit(config.dr.gate_probability, size) for size in range(1, 5)])
-    t = _record_times(start.t, mission.span_s[1], config.motion.rate_hz)
+    t = record_times(start.t, mission.span_s[1], config.motion.rate_hz)
     restarts = None
     if restarts_s is not None:
         t = _with_times(t, restarts_s)
@@ -162,11 +162,6 @@ def _start(start: Alignment) -> Start:
 def _accel_variance(settings: MotionSettings) -> Array:
     level, vertical = settings.sigma_accel_m_s2, settings.sigma_vertical_accel_m_s2
     return np.array([level, level, vertical, settings.sigma_yaw_accel_rad_s2]) ** 2
-
-
-def _record_times(start_s: float, stop_s: float, rate_hz: float) -> Array:
-    t = start_s + np.arange(int((stop_s - start_s) * rate_hz) + 2) * (1.0 / rate_hz)
-    return np.asarray(t[t <= stop_s], dtype=float)
 
 
 def _with_times(grid: Array, t: Array) -> Array:

@@ -32,7 +32,7 @@ from gtsam_nav.frames import Array, rotation_from_quaternion
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.alignment import align
 from gtsam_nav.solution import Innovations, Progress, SlowStates, Solution, StageClock
-from gtsam_nav.trajectory import Trajectory
+from gtsam_nav.trajectory import Trajectory, record_times
 
 
 def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
@@ -62,7 +62,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         aids, rejections = aids_of(mission, strapdown, start, config)
     with clock.stage("filter"):
         run = InsRun(strapdown, start, aids, config.ins_ekf.smooth)
-        t = _record_times(*mission.span_s, config.motion.rate_hz)
+        t = record_times(*mission.span_s, config.motion.rate_hz)
         history = run.run(t, progress)
         filtered = [history.nodes[k] for k in history.recorded]
         states, P = [node.state for node in filtered], [node.P for node in filtered]
@@ -105,11 +105,6 @@ def _silences(strapdown: Strapdown, imu: Sensor, t: Array) -> tuple[str, ...]:
         " its velocity"
         for a, b in strapdown.silences(float(t[0]), float(t[-1]))
     )
-
-
-def _record_times(start_s: float, stop_s: float, rate_hz: float) -> Array:
-    t = start_s + np.arange(int((stop_s - start_s) * rate_hz) + 2) * (1.0 / rate_hz)
-    return np.asarray(t[t <= stop_s], dtype=float)
 
 
 def _smoothed(history: History) -> tuple[list[InertialState], list[Array]]:

@@ -20,6 +20,7 @@ from gtsam_nav.preprocess.alignment import Alignment, align, at_rest
 from gtsam_nav.preprocess.landmark_start import landmark_start
 from gtsam_nav.preprocess.planar_motion import PlanarMotion, planar_motion
 from gtsam_nav.series import LandmarkSeries
+from gtsam_nav.trajectory import record_times
 
 PRIOR_SIGMAS = 2.0
 """A start that was found from sightings is doubted so much: the same sightings come again."""
@@ -84,7 +85,7 @@ def _planar(
     mission: Mission, motion: PlanarMotion, series: LandmarkSeries, config: Config
 ) -> Outset:
     start, on_map = _planar_start(mission, motion, config)
-    t = np.union1d(_record_times(mission, config), _since(series.t, start.t))
+    t = np.union1d(record_times(*mission.span_s, config.motion.rate_hz), _since(series.t, start.t))
     by_fix = start.georeferenced and not on_map and mission.initial.p_n is None
     return Outset(
         t,
@@ -130,7 +131,7 @@ def _inertial(mission: Mission, imu: Sensor, series: LandmarkSeries, config: Con
     start = _standing(mission, begin, inertial_start(mission, imu), config)
     aids, rejections = aids_of(mission, strapdown, start, config)
     measured = [_since(own, start.state.t) for own in (series.t, *(aid.t for aid in aids))]
-    t = np.unique(np.concatenate([_record_times(mission, config), *measured]))
+    t = np.unique(np.concatenate([record_times(*mission.span_s, config.motion.rate_hz), *measured]))
     return Outset(
         t,
         InertialVehicle(strapdown, start, aids, t),
@@ -159,13 +160,6 @@ def _standing(
         P_n[:2, :2] = np.diag(begin.sigma_rpy[:2] ** 2)
         P[THETA, THETA] = R_nb.T @ P_n @ R_nb
     return replace(start, P=P)
-
-
-def _record_times(mission: Mission, config: Config) -> Array:
-    start_s, stop_s = mission.span_s
-    rate_hz = config.motion.rate_hz
-    t = start_s + np.arange(int((stop_s - start_s) * rate_hz) + 1) * (1.0 / rate_hz)
-    return np.append(t[t < stop_s], stop_s)
 
 
 def _since(t: Array, start_s: float) -> Array:

@@ -29,7 +29,7 @@ from gtsam_nav.series import (
     ImuSeries,
     OdometrySeries,
 )
-from gtsam_nav.trajectory import Trajectory
+from gtsam_nav.trajectory import Trajectory, record_times
 
 SPREAD_SIGMAS = 5.0
 """Fixes tell a heading once they spread this many of their sigmas."""
@@ -147,9 +147,7 @@ def vehicle_motion(mission: Mission, start: Alignment, settings: MotionSettings)
 
 def motion_grid(mission: Mission, start: Alignment, settings: MotionSettings) -> Array:
     """The uniform times of a mission's motion, its last sample's included."""
-    stop = mission.span_s[1]
-    t = start.t + np.arange(int((stop - start.t) * settings.rate_hz) + 1) / settings.rate_hz
-    return t if t[-1] >= stop else np.append(t, stop)
+    return record_times(start.t, mission.span_s[1], settings.rate_hz)
 
 
 def turn_onto_fixes(mission: Mission, motion: VehicleMotion) -> float | None:
