@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 import gtsam_nav as gn
+from benchmarks import gaps
 from gtsam_nav.config import Config, load_config
 from gtsam_nav.ekf.aid import Aid
 from gtsam_nav.ekf.aiding import aids_of
@@ -385,28 +386,13 @@ def test_a_car_coasts_through_gaps_of_its_fixes(
     recorded_data: Path, nonholonomic: str, median_m: float, worst_m: float
 ) -> None:
     mission = gn.open_mission(recorded_data / "rtk_mems_car")
-    gnss, fixes = mission.sensors["gnss"], fixes_of(mission)
-    starts = float(fixes.t[0]) + np.array([60, 115, 170, 225, 280, 340, 430, 490])
-    gaps = [[float(a), float(a) + 15.0] for a in starts]
-    solution = estimate(
-        mission,
-        "gnss.use=gaps",
-        f"gnss.gaps_s={gaps}",
-        f"motion.nonholonomic={nonholonomic}",
-        "ins_ekf.smooth=true",
-    )
+    wheels = f"motion.nonholonomic={nonholonomic}"
+    solution = gaps.run(mission, "ins-ekf", wheels, "ins_ekf.smooth=true")
     assert solution.online is not None
-
-    def off_m(trajectory: Any, k: int) -> float:
-        antenna = trajectory.interpolate(fixes.t[k : k + 1]).at_lever_arm(gnss.xyz_b)
-        return float(np.linalg.norm((antenna.p_n[0] - fixes.p_n[k])[:2]))
-
-    ends = [int(np.searchsorted(fixes.t, b)) - 1 for _, b in gaps]
-    middles = [int(np.searchsorted(fixes.t, a + 7.5)) for a, _ in gaps]
-    causal = [off_m(solution.online, k) for k in ends]
+    causal = gaps.strayed_m(mission, solution.online, 1.0)
     assert np.median(causal) <= median_m
     assert max(causal) <= worst_m
-    assert np.median([off_m(solution.trajectory, k) for k in middles]) <= 0.6
+    assert np.median(gaps.strayed_m(mission, solution.trajectory, 0.5)) <= 0.6
 
 
 def run_filter(mission: Mission, t: Array, config: Config) -> History:
