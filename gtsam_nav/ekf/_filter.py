@@ -13,6 +13,9 @@ import numpy as np
 from gtsam_nav.frames import Array
 from gtsam_nav.series import BoolArray, IntArray
 
+PATIENCE = 10
+"""So many measurements of one kind in a row that fail the gate prove the state wrong, not them."""
+
 
 @numba.njit(cache=True, error_model="numpy")
 def run(
@@ -30,7 +33,7 @@ def run(
     accel_variance: Array,
     restart_after: BoolArray,
     restarted: IntArray,
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array, Array, BoolArray]:
     """Go through the events of ``constant_velocity.events``: n records, the rest measurements.
 
     Returns
@@ -39,10 +42,12 @@ def run(
     P : ndarray, shape (n, 8, 8)
     nis : ndarray, shape (m,)
         Normalised innovation squared of every measurement, used or not.
+    used : ndarray of bool, shape (m,)
     """
     x_record, P_record, nis = np.empty((n, 8)), np.empty((n, 8, 8)), np.empty(len(first))
     x, P, x_new, P_new = np.empty(8), np.empty((8, 8)), np.empty(8), np.empty((8, 8))
     G = np.zeros((4, 8))
+    used, refused = np.zeros(len(first), dtype=np.bool_), np.zeros(8, dtype=np.int64)
     _copy(x_start, P_start, x, P)
     now = start_s
     for j in range(len(event)):
@@ -57,9 +62,25 @@ def run(
         k = event[j] - n
         _copy(x, P, x_new, P_new)
         nis[k] = _update(x_new, P_new, first[k], size[k], value[k], variance[k])
-        if nis[k] <= gate[size[k]]:
+        if nis[k] > gate[size[k]] and refused[first[k]] >= PATIENCE:
+            _copy(x, P, x_new, P_new)
+            _doubt(x_new, P_new, first[k], size[k], value[k])
+            nis[k] = _update(x_new, P_new, first[k], size[k], value[k], variance[k])
+        used[k] = nis[k] <= gate[size[k]]
+        refused[first[k]] = 0 if used[k] else refused[first[k]] + 1
+        if used[k]:
             x, P, x_new, P_new = x_new, P_new, x, P
-    return x_record, P_record, nis
+    return x_record, P_record, nis, used
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _doubt(x: Array, P: Array, first: int, size: int, value: Array) -> None:
+    """Widen the measured entries by how far they lie off."""
+    for e in range(size):
+        innovation = value[e] - x[first + e]
+        if first + e == 3:
+            innovation = _wrap(innovation)
+        P[first + e, first + e] += innovation * innovation
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -99,7 +99,8 @@ def run(
     t : ndarray, shape (n,)
         When to record the state; a measurement of the same time comes after it.
     gate : ndarray, shape (5,)
-        Largest normalised innovation squared of a measurement that is used, by its size.
+        Largest normalised innovation squared of a measurement that is used, by its size. A run of
+        failures makes the filter doubt its state instead.
     accel_variance : ndarray, shape (4,)
         Densities of the white acceleration of u, v, w and r; those of u and v are equal.
     restarts : Restarts, optional
@@ -108,7 +109,7 @@ def run(
     from gtsam_nav.ekf import _filter
 
     z, restarts = measurements, restarts or _no_restarts(t)
-    x, P, nis = _filter.run(
+    x, P, nis, used = _filter.run(
         *events(z, t),
         len(t),
         z.first,
@@ -123,7 +124,7 @@ def run(
         restarts.after,
         restarts.entries,
     )
-    return Filtered(t, x, P, nis, nis <= gate[z.size])
+    return Filtered(t, x, P, nis, used)
 
 
 def events(z: Measurements, t: Array) -> tuple[Array, IntArray]:
@@ -146,10 +147,12 @@ def run_readable(
     restarts: Restarts | None = None,
 ) -> Filtered:
     """The same as `run`, step by step."""
+    from gtsam_nav.ekf._filter import PATIENCE
+
     z, restarts = measurements, restarts or _no_restarts(t)
     now, x, P = start.t, start.x, start.P
     x_record, P_record = np.empty((len(t), 8)), np.empty((len(t), 8, 8))
-    nis = np.empty(len(z))
+    nis, used, refused = np.empty(len(z)), np.zeros(len(z), dtype=bool), np.zeros(8, dtype=int)
     for then, event in zip(*events(z, t), strict=True):
         x, P = predict(x, P, then - now, accel_variance)
         now = then
@@ -161,10 +164,18 @@ def run_readable(
             continue
         k, size = event - len(t), z.size[event - len(t)]
         entries = z.first[k] + np.arange(size)
-        x_new, P_new, nis[k] = update(x, P, entries, z.value[k, :size], z.variance[k, :size])
-        if nis[k] <= gate[size]:
+        value, variance = z.value[k, :size], z.variance[k, :size]
+        x_new, P_new, nis[k] = update(x, P, entries, value, variance)
+        if nis[k] > gate[size] and refused[z.first[k]] >= PATIENCE:
+            off = np.where(entries == YAW, wrap_angle(value - x[entries]), value - x[entries])
+            doubted = P.copy()
+            doubted[entries, entries] += off**2
+            x_new, P_new, nis[k] = update(x, doubted, entries, value, variance)
+        used[k] = nis[k] <= gate[size]
+        refused[z.first[k]] = 0 if used[k] else refused[z.first[k]] + 1
+        if used[k]:
             x, P = x_new, P_new
-    return Filtered(t, x_record, P_record, nis, nis <= gate[z.size])
+    return Filtered(t, x_record, P_record, nis, used)
 
 
 def predict(x: Array, P: Array, dt: float, accel_variance: Array) -> tuple[Array, Array]:

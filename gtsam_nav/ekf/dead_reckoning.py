@@ -24,6 +24,7 @@ from gtsam_nav.mission import Mission, Rejection
 from gtsam_nav.preprocess.alignment import Alignment, align
 from gtsam_nav.preprocess.settings import MotionSettings
 from gtsam_nav.sensors.dvl import body_velocities
+from gtsam_nav.sensors.noise import HeadingNoise
 from gtsam_nav.sensors.orientation import headings_true, tilt_at
 from gtsam_nav.sensors.prediction import chi2_limit
 from gtsam_nav.sensors.rates import angular_rate_b
@@ -142,7 +143,7 @@ def dead_reckon(
         restarts = Restarts(np.isin(t, restarts_s), np.array(restarted, dtype=np.int64))
     filtered = run(
         measurements,
-        _start(start),
+        _start(mission, start),
         t,
         np.append(0.0, gate),
         _accel_variance(config.motion),
@@ -154,9 +155,16 @@ def dead_reckon(
     return DeadReckoned(measurements, filtered, rejections)
 
 
-def _start(start: Alignment) -> Start:
+def _start(mission: Mission, start: Alignment) -> Start:
+    """The alignment; the compass that the filter will follow may differ from it by its bias."""
     x = np.array([*start.p_n, start.rpy[2], 0.0, 0.0, 0.0, 0.0])
-    return Start(start.t, x, np.diag([*start.sigma_p, start.sigma_rpy[2], *START_SIGMA]) ** 2)
+    compass = mission.first("heading")
+    sigma_yaw = start.sigma_rpy[2]
+    if compass is not None:
+        noise = HeadingNoise.model_validate(compass.noise)
+        bias = np.radians([noise.bias_sigma_deg, noise.disturbance_sigma_deg])
+        sigma_yaw = float(np.linalg.norm([sigma_yaw, *bias]))
+    return Start(start.t, x, np.diag([*start.sigma_p, sigma_yaw, *START_SIGMA]) ** 2)
 
 
 def _accel_variance(settings: MotionSettings) -> Array:

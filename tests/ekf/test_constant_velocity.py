@@ -99,6 +99,20 @@ def test_restarts_are_the_same_in_both(seed: int) -> None:
     assert_same(compiled, readable)
 
 
+def test_a_run_of_failures_proves_the_state_wrong() -> None:
+    """A heading that is known too well, and a compass that says otherwise."""
+    t = np.arange(0.0, 20.0, 0.1)
+    z = measurements(t, ["heading"] * len(t), np.full((len(t), 4), 2.0), np.full((len(t), 4), 1e-4))
+    begin = Start(0.0, np.zeros(8), 1e-6 * np.eye(8))
+    gate = np.append(0.0, chi2.ppf(0.999, [1, 2, 3, 4]))
+    grid = np.arange(0.0, 20.0, 0.5)
+    compiled, readable = (
+        filt(z, begin, grid, gate, ACCEL_VARIANCE) for filt in (run, run_readable)
+    )
+    assert 5 <= np.sum(~compiled.used) <= 30
+    assert compiled.x[-1, YAW] == pytest.approx(2.0, abs=0.05)
+
+
 def test_a_restart_is_a_start_whose_position_is_known() -> None:
     rng = np.random.default_rng(3)
     z, t = mixture(rng), np.array([8.05, 11.0, 15.0])

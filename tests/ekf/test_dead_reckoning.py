@@ -370,3 +370,13 @@ def test_st_pere_shows_its_real_drift(stpere_folder: Path) -> None:
     assert "simulated sonar" in " ".join(solution.warnings)
     unlocked = {"no lock", "water lock in a short gap"}
     assert sum(rejection.reason in unlocked for rejection in solution.rejections) == 84
+
+
+def test_a_stated_start_does_not_lose_the_compass() -> None:
+    """Which has a bias that the filter knows nothing of: readings follow it, not the start."""
+    bias = np.radians(4.0)
+    start = InitialState(p_n=np.zeros(3), heading=HEADING - bias, sigma_heading=np.radians(0.1))
+    solution = gn.estimate(replace(straight(), initial=start), "dr")
+    assert solution.rejections == ()
+    off = wrap_angle(solution.trajectory.rpy[:, 2] - HEADING)
+    assert np.abs(off[50:]).max() < np.radians(0.5)
