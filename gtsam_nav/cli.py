@@ -8,7 +8,7 @@ import sys
 import time
 import traceback
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast
@@ -135,7 +135,7 @@ def inspect(
         return
     from gtsam_nav.tables import finding_table, sensor_table
 
-    rest = "" if found.rest_s is None else f", at rest for the first {found.rest_s:.0f} s"
+    rest = f", at rest for at least the first {found.rest_s:.0f} s" if found.rest_s else ""
     show(
         sensor_table(found),
         "",
@@ -177,7 +177,7 @@ def run(
     settle_output(folder, *(folder / name for name in names))
     with progress_bars(quiet) as progress:
         begin = time.perf_counter()
-        opened = open_cropped(mission, start, stop, progress)
+        opened = looked_over(open_cropped(mission, start, stop, progress))
         solutions, failures = estimate_each(
             opened, names, resolved, faults, folder, begin, progress
         )
@@ -207,11 +207,18 @@ def open_cropped(path: Path, start_s: float, stop_s: float, progress: Progress) 
     if not any(len(sensor.series) for sensor in cropped.sensors.values()):
         first, last = opened.span_s
         raise DataError(
-            f"no sample between --start {start_s:g} and --stop {stop_s:g}; "
+            f"no sample between {start_s:g} and {stop_s:g} s; "
             f"the mission spans {first:.1f} to {last:.1f} s",
             path,
         )
     return cropped
+
+
+def looked_over(mission: Mission) -> Mission:
+    """The mission with the audit's alerts among its warnings."""
+    from gtsam_nav.audit import audit
+
+    return replace(mission, warnings=(*mission.warnings, *audit(mission).alerts))
 
 
 def estimate_each(

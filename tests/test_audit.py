@@ -13,7 +13,14 @@ import pytest
 from gtsam_nav.audit import Audit, audit
 from gtsam_nav.audit.findings import Finding
 from gtsam_nav.errors import DataError
-from gtsam_nav.frames import Array, rotation_from_rpy, wrap_angle
+from gtsam_nav.frames import (
+    Array,
+    Origin,
+    geodetic_from_ned,
+    ned_from_geodetic,
+    rotation_from_rpy,
+    wrap_angle,
+)
 from gtsam_nav.methods import estimate, methods
 from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.readers import open_mission
@@ -322,3 +329,28 @@ def test_json_document_is_plain(mission: Mission) -> None:
 def test_a_dvl_without_a_valid_sample_measures_no_velocity(mission: Mission) -> None:
     found = audit(altered(mission, "dvl", np.zeros_like, "valid"))
     assert set(found.methods) == {"ins-ekf", "graph"}
+
+
+def test_fixes_far_from_the_origin_are_named_with_the_likely_cause(mission: Mission) -> None:
+    mission = replace(mission, origin=Origin(latitude_deg=42.2, longitude_deg=3.1))
+    assert mission.origin is not None
+    assert finding(audit(mission), "fixes against origin").severity == "ok"
+    gnss = mission.sensors["gnss"].series
+    assert isinstance(gnss, GnssSeries)
+    latitude_deg, longitude_deg, height_m = geodetic_from_ned(gnss.p_n, mission.origin)
+    exchanged_n = ned_from_geodetic(longitude_deg, latitude_deg, height_m, mission.origin)
+    found = audit(altered(mission, "gnss", lambda _: exchanged_n, "p_n"))
+    assert "latitude and longitude are exchanged" in finding(found, "fixes against origin").message
+    assert any("exchanged" in alert for alert in found.alerts)
+    elsewhere = audit(altered(mission, "gnss", lambda p_n: p_n + 1e6, "p_n"))
+    assert "the origin or the fixes are wrong" in finding(elsewhere, "fixes against origin").message
+
+
+def test_alerts_leave_gaps_to_the_timeline(mission: Mission) -> None:
+    silent = altered(mission, "imu", lambda gyro: gyro * np.degrees(1.0), "gyro_i")
+    series = silent.sensors["dvl"].series
+    late = replace(silent.sensors["dvl"], series=series.select((series.t < 50) | (series.t > 90)))
+    found = audit(silent.with_sensor(late))
+    assert finding(found, "gaps").severity == "warning"
+    assert len(found.alerts) == 1
+    assert found.alerts[0].startswith("imu: gyro unit:")

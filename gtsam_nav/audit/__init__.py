@@ -14,8 +14,9 @@ from gtsam_nav.audit.heading import (
 )
 from gtsam_nav.audit.inertial import inertial_findings
 from gtsam_nav.audit.motion import DvlLock, dvl_lock, initial_rest_s, lock_findings, velocity_sensor
+from gtsam_nav.audit.place import place_findings
 from gtsam_nav.audit.sonar import SonarHead, sonar_findings, sonar_head
-from gtsam_nav.audit.timing import SensorTiming, sensor_timing, timing_findings
+from gtsam_nav.audit.timing import TIMING_CHECKS, SensorTiming, sensor_timing, timing_findings
 from gtsam_nav.methods import runnable_methods
 from gtsam_nav.mission import Mission
 
@@ -60,6 +61,15 @@ class Audit:
     findings: tuple[Finding, ...]
     warnings: tuple[str, ...]
 
+    @property
+    def alerts(self) -> tuple[str, ...]:
+        """What is odd about the samples, a line each; gaps and drops are told elsewhere."""
+        return tuple(
+            f"{finding.sensor}: {finding.check}: {finding.message}"
+            for finding in self.findings
+            if finding.severity == "warning" and finding.check not in TIMING_CHECKS
+        )
+
     def to_json(self) -> dict[str, Any]:
         """The audit as a document of plain values."""
         return asdict(self)
@@ -90,6 +100,8 @@ def audit(mission: Mission) -> Audit:
             yield from timing_findings(timing)
         for imu in mission.of_type("imu"):
             yield from inertial_findings(imu, compass)
+        for gnss in mission.of_type("gnss"):
+            yield from place_findings(mission, gnss)
         for heading in headings:
             yield from heading_findings(heading)
         for lock in dvls:

@@ -10,10 +10,10 @@ import numpy as np
 from gtsam_nav.audit.findings import Finding, Severity
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission, Sensor
-from gtsam_nav.preprocess.alignment import at_rest
+from gtsam_nav.preprocess.rest import initial_rest
 from gtsam_nav.series import DvlSeries, OdometrySeries
 
-REST_SPEED_M_S = 0.1
+REST_SPEED_M_S = 0.03
 REST_WINDOW_S = 10.0
 
 
@@ -62,27 +62,26 @@ def velocity_sensor(mission: Mission) -> Sensor | None:
 
 
 def initial_rest_s(mission: Mission) -> float | None:
-    """Seconds from the start of the mission until the vehicle moves.
+    """Seconds from the start of the mission until the vehicle moves, as far as its sensors tell.
 
-    At rest the median speed over 10 s is below 0.1 m/s and the IMU's readings stay still; a sensor
-    that the mission lacks has no say.
+    Slow is what they call rest: a steady drift looks the same to an IMU.
 
     Returns
     -------
     float or None
         None where neither speed nor an IMU tells.
     """
-    velocity = velocity_sensor(mission)
-    has_imu = mission.first("imu") is not None
-    if velocity is None and not has_imu:
-        return None
     start_s, stop_s = mission.span_s
-    for begin in np.arange(start_s, stop_s, REST_WINDOW_S):
-        if velocity is not None and _median_speed(velocity, begin) > REST_SPEED_M_S:
-            return float(begin - start_s)
-        if has_imu and not at_rest(mission, begin, REST_WINDOW_S):
-            return float(begin - start_s)
-    return stop_s - start_s
+    velocity, imu = velocity_sensor(mission), mission.first("imu")
+    ends = []
+    if velocity is not None:
+        begins = np.arange(start_s, stop_s, REST_WINDOW_S)
+        moving = [begin for begin in begins if _median_speed(velocity, begin) > REST_SPEED_M_S]
+        ends.append(moving[0] if moving else stop_s)
+    if imu is not None:
+        rest = initial_rest(imu)
+        ends.append(start_s if rest is None else float(rest.spells.t[-1]))
+    return min(ends) - start_s if ends else None
 
 
 def _median_speed(velocity: Sensor, begin: float) -> float:

@@ -11,8 +11,9 @@ import numpy as np
 from gtsam_nav.audit.findings import Finding
 from gtsam_nav.mission import Mission, Sensor
 
-GAP_FACTOR = 5.0
-"""A silence of more than this many median intervals is a gap."""
+GAP_FACTOR, LEAST_GAP_S = 5.0, 1.0
+"""A silence of more than this many median intervals is a gap, unless it is shorter than that."""
+TIMING_CHECKS = ("samples", "gaps", "dropped")
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ def sensor_timing(mission: Mission, sensor: Sensor) -> SensorTiming:
     stamps = np.unique(sensor.series.t)
     steps = np.diff(stamps)
     median_s = float(np.median(steps)) if len(steps) else np.inf
-    long = np.flatnonzero(steps > GAP_FACTOR * median_s)
+    long = np.flatnonzero(steps > max(GAP_FACTOR * median_s, LEAST_GAP_S))
     reasons = Counter(r.reason for r in mission.rejections if r.sensor == sensor.name)
     return SensorTiming(
         name=sensor.name,
@@ -72,16 +73,17 @@ def sensor_timing(mission: Mission, sensor: Sensor) -> SensorTiming:
 
 def timing_findings(timing: SensorTiming) -> Iterator[Finding]:
     """Warnings about silence and dropped samples."""
+    samples, gaps, drops = TIMING_CHECKS
     if not timing.n_samples:
-        yield Finding("samples", timing.name, "warning", "no usable sample")
+        yield Finding(samples, timing.name, "warning", "no usable sample")
     if timing.gaps and timing.type != "landmarks":  # those come and go
         longest = max(timing.gaps, key=lambda gap: gap.length_s)
         yield Finding(
-            "gaps",
+            gaps,
             timing.name,
             "warning",
             f"silent for more than {GAP_FACTOR:g} median intervals: {len(timing.gaps)} times, "
             f"the longest {longest.length_s:.1f} s at {longest.start_s:.1f} s",
         )
     for dropped in timing.dropped:
-        yield Finding("dropped", timing.name, "warning", f"{dropped.reason}: {dropped.n_samples}")
+        yield Finding(drops, timing.name, "warning", f"{dropped.reason}: {dropped.n_samples}")

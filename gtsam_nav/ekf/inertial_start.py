@@ -17,9 +17,12 @@ from gtsam_nav.preprocess.first_fixes import ANY_SPEED_M_S, first_fixes
 from gtsam_nav.preprocess.rest import Rest, initial_rest
 from gtsam_nav.sensors.noise import ImuNoise
 from gtsam_nav.sensors.orientation import UNMEASURED_TILT_SIGMA_RAD, headings_true
-from gtsam_nav.series import GnssSeries
+from gtsam_nav.series import DepthSeries, GnssSeries
 
-VAGUE_M = 1e3
+AGAIN_SIGMAS = 3.0
+"""What the first fixes and depths tell of the start is doubted so much: they come again."""
+DIVING_M_S = 1.0
+"""Vertical speed between the start and the first depth."""
 UNKNOWN_YAW_SIGMA_RAD = np.pi / np.sqrt(3)
 """Of a heading that may be any."""
 GYROCOMPASS_SIGMA_RAD = np.radians(5.0)
@@ -57,11 +60,12 @@ def inertial_start(mission: Mission, imu: Sensor) -> InertialStart:
         rpy[:2] = np.arctan2(-fy, -fz), np.arctan2(fx, np.hypot(fy, fz))
     rpy[2], sigma_yaw, gyrocompass = _yaw(mission, imu, rest, rpy)
     R_nb = rotation_from_rpy(rpy)
-    sigma_p = begin.sigma_p.copy()
+    p_n, sigma_p = begin.p_n.copy(), begin.sigma_p.copy()
     if mission.initial.p_n is None and begin.georeferenced:
-        sigma_p[:] = VAGUE_M
-    if mission.first("depth") is not None:
-        sigma_p[2] = VAGUE_M
+        sigma_p *= AGAIN_SIGMAS
+    depth = mission.first("depth")
+    if depth is not None:
+        p_n[2], sigma_p[2] = _first_depth(depth, R_nb, begin.t)
     v_n, sigma_v = _velocity(mission)
     tilt = UNMEASURED_TILT_SIGMA_RAD
     noise = ImuNoise.model_validate(imu.noise)
@@ -71,11 +75,19 @@ def inertial_start(mission: Mission, imu: Sensor) -> InertialStart:
     P[NU, NU] = sigma_v**2 * np.eye(3)
     P[GYRO_BIAS, GYRO_BIAS] = noise.gyro_bias_sigma_rad_s**2 * np.eye(3)
     P[ACCEL_BIAS, ACCEL_BIAS] = noise.accel_bias_sigma_m_s2**2 * np.eye(3)
-    state = InertialState(
-        begin.t, quaternion_from_rpy(rpy), begin.p_n, v_n, np.zeros(3), np.zeros(3)
-    )
+    state = InertialState(begin.t, quaternion_from_rpy(rpy), p_n, v_n, np.zeros(3), np.zeros(3))
     known = begin.heading_known or gyrocompass or mission.first("gnss") is not None
     return InertialStart(state, P, rest, gyrocompass, begin.georeferenced and known)
+
+
+def _first_depth(depth: Sensor, R_nb: Array, start_s: float) -> tuple[float, float]:
+    """Depth of the body's origin at the start, and its standard deviation."""
+    series = depth.series
+    assert isinstance(series, DepthSeries)
+    dived_m = DIVING_M_S * max(float(series.t[0]) - start_s, 0.0)
+    below_m = float((R_nb @ depth.xyz_b)[2])
+    sigma_m = AGAIN_SIGMAS * float(np.hypot(series.sigma[0], dived_m))
+    return float(series.depth_m[0]) - below_m, sigma_m
 
 
 def _yaw(mission: Mission, imu: Sensor, rest: Rest | None, rpy: Array) -> tuple[float, float, bool]:

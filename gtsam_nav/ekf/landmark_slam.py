@@ -86,9 +86,10 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
 def _sightings(mission: Mission) -> tuple[Sensor, LandmarkSeries]:
     sensor = mission.first("landmarks")
     if sensor is None:
+        present = sorted(name for name, other in mission.sensors.items() if len(other.series))
         raise DataError(
-            f"mission '{mission.name}': landmark-ekf needs sightings of landmarks; the mission has:"
-            f" {', '.join(sorted(mission.sensors)) or 'no sensor'}"
+            f"mission '{mission.name}': landmark-ekf needs sightings of landmarks;"
+            f" there are samples of: {', '.join(present) or 'nothing'}"
         )
     assert isinstance(sensor.series, LandmarkSeries)
     return sensor, sensor.series

@@ -58,6 +58,8 @@ class GnssSettings(Settings):
         for start, stop in (self.window_s, *self.gaps_s):
             if not start < stop:
                 raise ValueError(f"the span [{start}, {stop}] is empty; start must be before stop")
+        if self.use == "gaps" and not self.gaps_s:
+            raise ValueError("use=gaps needs gaps_s, the spans whose fixes are withheld")
         return self
 
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import logging
 import zlib
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 
 from gtsam_nav.errors import ConfigError
 from gtsam_nav.mission import Mission, Sensor
+from gtsam_nav.series import Series
 from gtsam_nav.simulation.fault_specs import parse_fault
 from gtsam_nav.simulation.faults import FalseLoops, Fault, SensorFault
 
@@ -48,13 +49,22 @@ def inject(mission: Mission, faults: Iterable[Fault | str], seed: int = 0) -> Mi
         fault = parse_fault(item) if isinstance(item, str) else item
         if isinstance(fault, FalseLoops):
             raise ConfigError(f"'{fault}': no method takes false loop closures yet")
-        for k, sensor in enumerate(_targets(mission, fault)):
+        targets = _targets(mission, fault)
+        for k, sensor in enumerate(targets):
             rng = np.random.default_rng([seed, zlib.crc32(str(fault).encode()), k])
             spoilt = replace(sensor, series=fault.altered(sensor.series, rng))
             mission = mission.with_sensor(spoilt)
+        if all(_same(sensor.series, mission.sensors[sensor.name].series) for sensor in targets):
+            warning = f"the fault {fault} touches no sample"
+            mission = replace(mission, warnings=(*mission.warnings, warning))
         logger.info("injected %s, seed %d", fault, seed)
         mission = replace(mission, faults=(*mission.faults, str(fault)))
     return mission
+
+
+def _same(a: Series, b: Series) -> bool:
+    """Whether two series of a type hold the same samples."""
+    return all(np.array_equal(getattr(a, f.name), getattr(b, f.name)) for f in fields(a))
 
 
 def _targets(mission: Mission, fault: SensorFault) -> list[Sensor]:

@@ -191,6 +191,17 @@ def test_a_silent_imu_of_a_minute_is_survived(compass: bool) -> None:
         assert np.abs(yaw_error_deg(alone, mission, 122.0)).max() < 30.0
 
 
+def test_nothing_is_vague_before_the_first_fix() -> None:
+    late = laps().sensors["gnss"]
+    mission = laps().with_sensor(replace(late, series=late.series.crop(1.5, np.inf)))
+    solution = estimate(mission)
+    sigma = solution.trajectory.sigma_p_n
+    assert sigma is not None
+    assert sigma.max() < 60.0
+    error = error_m(solution, mission)
+    assert error.max() < 4 * np.linalg.norm(sigma[0])
+
+
 def test_a_receiver_that_gives_velocities_alone_steers_it() -> None:
     fixes = fixes_of(laps())
     nowhere = np.full_like(fixes.sigma, 1e6)

@@ -72,10 +72,6 @@ def test_gaps_are_half_open_and_withheld() -> None:
     np.testing.assert_array_equal(np.setdiff1d(T, kept), [20, 30, 40, 50, 990])
 
 
-def test_without_gaps_nothing_is_withheld() -> None:
-    np.testing.assert_array_equal(used(mission(receiver()), GnssSettings(use="gaps")), T)
-
-
 def test_a_mission_with_a_reference_uses_all_by_default() -> None:
     one = mission(receiver(), reference=True)
     np.testing.assert_array_equal(used(one, GnssSettings()), T)
@@ -144,6 +140,7 @@ def test_fixes_make_a_horizontal_reference_at_their_antenna() -> None:
         {"window_s": (10.0, 10.0)},
         {"window_s": (10.0, 0.0)},
         {"gaps_s": ((0.0, 1.0), (3.0, 2.0))},
+        {"use": "gaps"},
         {"huber_k": 0.0},
     ],
 )

@@ -256,6 +256,12 @@ def test_the_same_seed_draws_the_same_faults_whatever_else_is_injected() -> None
     assert not np.array_equal(once, offsets(inject(receiver(200), ["gnss:outliers=0.3"], seed=5)))
 
 
+def test_a_fault_that_touches_nothing_is_said(mission: Mission) -> None:
+    missed, hit = inject(mission, ["dvl:drop=9000:9100"]), inject(mission, ["dvl:drop=10:20"])
+    assert "touches no sample" in missed.warnings[-1]
+    assert hit.warnings == mission.warnings
+
+
 def test_two_of_a_type_fail_independently_unless_one_is_named() -> None:
     fixes = receiver(200).sensors["gnss"].series
     pair = {name: Sensor(name=name, type="gnss", series=fixes) for name in ("bow", "stern")}
