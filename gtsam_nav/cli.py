@@ -167,6 +167,7 @@ def run(
     from gtsam_nav.evaluation.report import write_report
     from gtsam_nav.methods import check_method
     from gtsam_nav.simulation import parse_fault
+    from gtsam_nav.writers.run_folder import find_runs
 
     resolved = load_config(config, overrides)
     names = list(dict.fromkeys(method))
@@ -186,6 +187,9 @@ def run(
     if report is not None:
         show_runs({solution.method: folder / solution.method for solution in solutions})
         show("", f"{wall_s:.1f} s from opening the mission to the last result", f"report: {report}")
+        earlier = [found.name for found in find_runs(folder) if found.name not in names]
+        if earlier:
+            say(f"note: {folder} also holds an earlier run of {', '.join(earlier)}")
     for name, error in failures.items():
         say(f"error: {name}: {error}")
     if failures:

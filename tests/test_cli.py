@@ -271,6 +271,16 @@ def test_simulate_lasts_as_long_as_its_scenario(gtsam_nav: CommandLine, tmp_path
     assert gtsam_nav("inspect", tmp_path / "run", "--json").code == 0
 
 
+def test_an_earlier_run_in_the_folder_is_named(
+    gtsam_nav: CommandLine, mission_folder: Path, tmp_path: Path
+) -> None:
+    first = gtsam_nav("run", mission_folder, "-m", "dr", "--out", tmp_path)
+    assert "earlier run" not in first.err
+    (tmp_path / "dr").rename(tmp_path / "other")
+    again = gtsam_nav("run", mission_folder, "-m", "dr", "--out", tmp_path)
+    assert "also holds an earlier run of other" in again.err
+
+
 def test_injected_faults_are_on_the_record_and_on_the_page(
     gtsam_nav: CommandLine, mission_folder: Path, tmp_path: Path
 ) -> None:
