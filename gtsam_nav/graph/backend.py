@@ -12,10 +12,11 @@ from gtsam_nav.frames import Array
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.problem import Problem, Reading, SensorFactor
+from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.graph.scan_matching import PlanarPose
 
 RELINEARIZE_THRESHOLD = 0.05
-ONLINE_CAUCHY_K = 2.385
+DOUBTED = Robustness(kernel="cauchy")
 """Of readings that may be outliers: while they come in, none is judged for good."""
 
 
@@ -72,9 +73,8 @@ class Backend:
             self._new_factors.add(self._online_factor(reading))
 
     def _online_factor(self, reading: Reading) -> Any:
-        is_doubtful = reading.gate_probability is not None
-        kernel = factors.cauchy_kernel(ONLINE_CAUCHY_K) if is_doubtful else reading.kernel
-        return factors.robust(reading.make(self._state_at), kernel)
+        robustness = DOUBTED if reading.is_gated else reading.robustness
+        return factors.robust(reading.make(self._state_at), robustness)
 
     def _state_at(self, key: int) -> Any:
         if self._new_values.exists(key):

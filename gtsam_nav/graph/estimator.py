@@ -102,9 +102,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     if not (refined.converged and settled.settled):
         warnings = (*warnings, "the refinement stopped before it settled")
     values = refined.values
-    loops = loop_closures(
-        online.matches, t_scans, scan_keyframe, values, config.graph.loops.cauchy_k
-    )
+    loops = loop_closures(online.matches, t_scans, scan_keyframe, values, config.graph.robust.loops)
     with clock.stage("covariance"):
         covariances = _covariances(problem, graph, refined)
     states = [values.atNavState(X(k)) for k in range(len(t))]

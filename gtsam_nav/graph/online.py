@@ -91,7 +91,7 @@ def _match_scan(
     config: Config,
 ) -> None:
     """Register a new scan to the one before and to what it may revisit."""
-    settings = config.graph.loops
+    settings, robustness = config.graph.loops, config.graph.robust.loops
     if len(scans[new]) < config.sonar.scans.min_points:
         return
     t_scans = np.array([scan.t_ref for scan in scans[: new + 1]])
@@ -106,9 +106,11 @@ def _match_scan(
             prior = relative_pose(here, poses[new], done.backend.joint_planar_covariance(a, b))
         else:
             prior = done.backend.problem.planar_increment(a, b)
-        found = match_scans(old, new, scans, prior, config.pic, settings.gate_probability, is_loop)
+        found = match_scans(
+            old, new, scans, prior, config.pic, robustness.gate_probability, is_loop
+        )
         done.matches.append(found)
         if found.accepted:
             q, cov = found.match.q, found.match.cov
-            factor = factors.planar_match(X(a), X(b), q, cov, settings.cauchy_k)
-            done.backend.add_factor(SensorFactor(SCAN_MATCH, factor))
+            factor = factors.planar_match(X(a), X(b), q, cov)
+            done.backend.add_factor(SensorFactor(SCAN_MATCH, factor, robustness))

@@ -10,11 +10,12 @@ from gtsam_nav.frames import (
     Array,
     quaternion_from_rotation,
     rotation_from_rpy,
-    wrap_angle,
 )
+from gtsam_nav.graph import factors
 from gtsam_nav.graph.backend import Covariances
 from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.problem import Problem
+from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.graph.scan_matching import ScanMatch
 from gtsam_nav.graph.sensor_posterior import SensorPosterior, free_part
 from gtsam_nav.series import IntArray
@@ -104,14 +105,18 @@ def landmark_estimates(
 
 
 def loop_closures(
-    matches: list[ScanMatch], t_scans: Array, scan_keyframe: IntArray, values: Any, cauchy_k: float
+    matches: list[ScanMatch],
+    t_scans: Array,
+    scan_keyframe: IntArray,
+    values: Any,
+    robustness: Robustness,
 ) -> tuple[LoopClosure, ...]:
     """Every candidate with its verdict; accepted ones with their weight at given values."""
     closures = []
     for m in matches:
         if not m.is_loop:
             continue
-        weight = _weight(m, scan_keyframe, values, cauchy_k) if m.accepted else None
+        weight = _weight(m, scan_keyframe, values, robustness) if m.accepted else None
         # a registration that never ran has nothing to report
         tried = 1.0 if m.match.iterations else np.nan
         q, sigma = tried * m.match.q, tried * np.sqrt(np.diag(m.match.cov))
@@ -134,13 +139,10 @@ def loop_closures(
     return tuple(closures)
 
 
-def _weight(m: ScanMatch, scan_keyframe: IntArray, values: Any, cauchy_k: float) -> float:
-    a, b = (values.atNavState(X(int(scan_keyframe[s]))) for s in (m.a, m.b))
-    p_ab = a.attitude().matrix().T @ (b.position() - a.position())
-    yaw = wrap_angle(b.attitude().yaw() - a.attitude().yaw())
-    e = m.match.q - np.array([p_ab[0], p_ab[1], yaw])
-    e[2] = wrap_angle(e[2])
-    return float(1.0 / (1.0 + e @ np.linalg.solve(m.match.cov, e) / cauchy_k**2))
+def _weight(m: ScanMatch, scan_keyframe: IntArray, values: Any, robustness: Robustness) -> float:
+    a, b = (X(int(scan_keyframe[s])) for s in (m.a, m.b))
+    whitened = factors.planar_match(a, b, m.match.q, m.match.cov).whitenedError(values)
+    return factors.weight(robustness, float(np.linalg.norm(whitened)))
 
 
 def pose_graph(

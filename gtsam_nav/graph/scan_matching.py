@@ -80,7 +80,7 @@ def match_scans(
     scans: list[Scan],
     prior: PlanarPose,
     settings: PicSettings,
-    gate_probability: float,
+    gate_probability: float | None,
     is_loop: bool,
 ) -> ScanMatch:
     """Register scan b to scan a and judge the result against the prior.
@@ -89,8 +89,8 @@ def match_scans(
     ----------
     prior : PlanarPose
         Of b in a: ``ne`` are then forward and starboard of a.
-    gate_probability : float
-        Of the chi-square gate on prior and match together.
+    gate_probability : float or None
+        Of the chi-square gate on prior and match together, if any.
     """
     q_prior = np.array([*prior.ne, prior.yaw])
     sigma = np.sqrt(np.diag(prior.cov))
@@ -102,7 +102,7 @@ def match_scans(
         difference = match.q - q_prior
         difference[2] = wrap_angle(difference[2])
         d2 = float(difference @ np.linalg.solve(prior.cov + match.cov, difference))
-        if d2 > chi2_limit(gate_probability, 3):
+        if gate_probability is not None and d2 > chi2_limit(gate_probability, 3):
             reason = f"contradicts the estimate (chi2 {d2:.1f})"
     return ScanMatch(a, b, match, reason, is_loop)
 

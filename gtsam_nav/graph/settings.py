@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
+from gtsam_nav.graph.robust import RobustSettings
 from gtsam_nav.settings import Settings
 
 
@@ -18,17 +19,11 @@ class LoopSettings(Settings):
         Nearer scans in time are not loops.
     max_candidates : int
         Nearest candidates registered a scan.
-    gate_probability : float
-        A match is rejected where it contradicts the estimate more than this probability allows.
-    cauchy_k : float
-        Scale of the Cauchy kernel on accepted loops.
     """
 
     radius_m: float = Field(default=15.0, gt=0)
     min_separation_s: float = Field(default=60.0, ge=0)
     max_candidates: int = Field(default=2, ge=1)
-    gate_probability: float = Field(default=0.999, gt=0, lt=1)
-    cauchy_k: float = Field(default=1.5, gt=0)
 
 
 class RefinementSettings(Settings):
@@ -80,18 +75,12 @@ class GraphSettings(Settings):
         A slower IMU is not preintegrated: rotations then come from the AHRS.
     keyframes_per_update : int
         Keyframes handed to iSAM2 at once.
-    huber_k : float
-        Huber threshold of DVL, heading, attitude and depth residuals.
-    sighting_cauchy_k : float
-        Scale of the Cauchy kernel on sightings of landmarks, which beside false ones have many that
-        are merely bad.
     """
 
     keyframe_interval_s: float = Field(default=5.0, gt=0, le=5)
     anchor_spacing_s: float = Field(default=0.1, ge=0.05)
     imu_min_rate_hz: float = Field(default=50.0, gt=0)
     keyframes_per_update: int = Field(default=3, ge=1)
-    huber_k: float = Field(default=1.345, gt=0)
-    sighting_cauchy_k: float = Field(default=1.0, gt=0)
+    robust: RobustSettings = RobustSettings()
     loops: LoopSettings = LoopSettings()
     refinement: RefinementSettings = RefinementSettings()
