@@ -88,7 +88,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     with clock.stage("isam2"):
         online = run_online(problem, sonar.scans if sonar else [], scan_keyframe, config, progress)
     with clock.stage("batch"):
-        settled = settle(problem, online.backend.graph(), online.backend.values())
+        settled = settle(problem, online.backend.entries, online.backend.values())
     with clock.stage("refinement"):
         if sonar is not None and config.graph.refinement.max_iterations:
             graph = online.backend.graph(without=SCAN_MATCH)

@@ -13,6 +13,7 @@ rejection and for re-admission.
 from __future__ import annotations
 
 import logging
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,7 +24,7 @@ from gtsam_nav.frames import Array
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.backend import Covariances, solve_batch
 from gtsam_nav.graph.factors import X
-from gtsam_nav.graph.problem import Problem, Reading
+from gtsam_nav.graph.problem import Problem, Reading, SensorFactor
 from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.mission import Rejection
 from gtsam_nav.sensors.prediction import chi2_limit
@@ -33,6 +34,8 @@ log = logging.getLogger(__name__)
 
 START = Robustness(kernel="cauchy")
 """Of gated readings in the robust start's last solve."""
+TRUSTED = ("velocity",)
+"""Least squares in the robust start: where the vehicle's motion may break, outliers break it."""
 NARROWING = 4.0
 """By which the kernel's scale shrinks from one solve of the robust start to the next."""
 MAX_ROUNDS = 12
@@ -66,21 +69,18 @@ class Settled:
     settled: bool
 
 
-def settle(problem: Problem, graph: Any, values: Any) -> Settled:
+def settle(problem: Problem, entries: Sequence[SensorFactor], values: Any) -> Settled:
     """Solve a problem's batch with its readings, leaving out what is an outlier.
 
     Parameters
     ----------
-    graph : gtsam.NonlinearFactorGraph
+    entries : sequence of SensorFactor
         Everything but the readings.
     values : gtsam.Values
         Start.
     """
-    batch = _Batch(problem, graph)
-    estimate = batch.robust_start(batch.at(values))
-    everything = np.ones(len(batch.readings), dtype=bool)
-    weight = batch.weights(estimate, everything, START)
-    used = ~batch.gated | (batch.judged(estimate, weight, START) <= batch.limit)
+    estimate, used = _Batch(problem, entries, TRUSTED).robust_start(values)
+    batch = _Batch(problem, entries)
     changed, rounds = True, 0
     while changed and rounds < MAX_ROUNDS:
         estimate = batch.solved(estimate, used)
@@ -117,9 +117,13 @@ class _Estimate:
 class _Batch:
     """A problem with all of its readings."""
 
-    def __init__(self, problem: Problem, graph: Any) -> None:
+    def __init__(
+        self, problem: Problem, entries: Sequence[SensorFactor], trusted: Collection[str] = ()
+    ) -> None:
         self.problem = problem
-        self.graph = graph
+        self.graph = gtsam.NonlinearFactorGraph()
+        for entry in entries:
+            self.graph.push_back(entry.gaussian if entry.sensor in trusted else entry.factor)
         self.readings = [reading for brought in problem.readings for reading in brought]
         self.gated = np.array([reading.is_gated for reading in self.readings], dtype=bool)
         self.limit = np.full(len(self.readings), np.inf)
@@ -147,8 +151,16 @@ class _Batch:
     def _robustness(self, i: int, gated: Robustness | None) -> Robustness:
         return gated if gated is not None and self.gated[i] else self.readings[i].robustness
 
-    def robust_start(self, estimate: _Estimate) -> _Estimate:
-        """Solve under a Cauchy kernel that narrows from a width that lets every reading in."""
+    def robust_start(self, values: Any) -> tuple[_Estimate, BoolArray]:
+        """Solve under a Cauchy kernel that narrows from a width that lets every reading in.
+
+        Returns
+        -------
+        estimate : _Estimate
+        used : ndarray of bool
+            Which readings pass their gates there.
+        """
+        estimate = self.at(values)
         everything = np.ones(len(self.readings), dtype=bool)
         scale = float(np.sqrt(np.max(estimate.squared[self.gated], initial=0.0)))
         while True:
@@ -156,7 +168,9 @@ class _Batch:
             kernel = START.model_copy(update={"threshold": scale})
             estimate = self._solved_once(estimate, everything, kernel)
             if scale == START.scale:
-                return estimate
+                break
+        weight = self.weights(estimate, everything, START)
+        return estimate, ~self.gated | (self.judged(estimate, weight, START) <= self.limit)
 
     def solved(self, estimate: _Estimate, used: BoolArray) -> _Estimate:
         """Solve with Gaussian readings, made anew until that moves nothing any more."""
