@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import gtsam
@@ -123,13 +124,13 @@ class Backend:
         """Current estimate of everything."""
         return self._isam.calculateEstimate()
 
-    def graph(self, without: str | None = None) -> Any:
-        """All factors so far but the readings', or all but those of one sensor."""
-        graph = gtsam.NonlinearFactorGraph()
-        for entry in self.entries:
-            if entry.sensor != without:
-                graph.add(entry.factor)
-        return graph
+
+def graph_of(entries: Iterable[SensorFactor]) -> Any:
+    """Factors under their kernels as a graph."""
+    graph = gtsam.NonlinearFactorGraph()
+    for entry in entries:
+        graph.add(entry.factor)
+    return graph
 
 
 def _isam2(is_stiff: bool) -> Any:

@@ -9,14 +9,17 @@ import numpy as np
 
 from gtsam_nav.config import Config
 from gtsam_nav.frames import Array
+from gtsam_nav.graph.backend import graph_of
 from gtsam_nav.graph.dense import dense_trajectory
 from gtsam_nav.graph.factors import B, X
+from gtsam_nav.graph.false_loops import loop_faults
 from gtsam_nav.graph.keyframes import keyframe_times, merged_anchors
+from gtsam_nav.graph.loop_judging import judged
 from gtsam_nav.graph.measurements import build_problem
 from gtsam_nav.graph.measurements.constraints import rolls
 from gtsam_nav.graph.measurements.gnss import POSITION_OUTLIER
 from gtsam_nav.graph.measurements.imu import preintegrable, silences
-from gtsam_nav.graph.online import SCAN_MATCH, run_online
+from gtsam_nav.graph.online import LOOP, SCAN_MATCH, match_factor, run_online
 from gtsam_nav.graph.output import (
     keyframe_trajectory,
     landmark_estimates,
@@ -85,24 +88,37 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     scan_keyframe = np.searchsorted(t, t_scans)
     with clock.stage("factors"):
         problem = build_problem(mission, start, motion, t, config)
+    loops = config.graph.loops
+    faults = loop_faults(mission.faults, config.seed, problem, scan_keyframe, loops)
     with clock.stage("isam2"):
-        online = run_online(problem, sonar.scans if sonar else [], scan_keyframe, config, progress)
+        scans = sonar.scans if sonar else []
+        online = run_online(problem, scans, scan_keyframe, config, progress, faults)
+    entries, values = online.backend.entries, online.backend.values()
+    with clock.stage("loops"):
+        entries = [entry for entry in entries if entry.sensor != LOOP]
+        matches = judged(online.matches, problem, entries, values, scan_keyframe, loops)
+        entries += [
+            match_factor(m, scan_keyframe, config.graph.robust.loops)
+            for m in matches
+            if m.is_loop and m.accepted
+        ]
     with clock.stage("batch"):
-        settled = settle(problem, online.backend.entries, online.backend.values())
+        settled = settle(problem, entries, values)
     with clock.stage("refinement"):
         if sonar is not None and config.graph.refinement.max_iterations:
-            graph = online.backend.graph(without=SCAN_MATCH)
+            graph = graph_of(e for e in entries if e.sensor not in (SCAN_MATCH, LOOP))
             graph.push_back(settled.factors)
             joint = JointRefinement(sonar.echoes, sonar.turns, problem, config.graph.refinement)
             refined = joint.run(graph, settled.values, progress)
         else:
-            graph = online.backend.graph()
+            graph = graph_of(entries)
             graph.push_back(settled.factors)
             refined = refine_without_sonar(graph, settled.values, problem)
     if not (refined.converged and settled.settled):
         warnings = (*warnings, "the refinement stopped before it settled")
     values = refined.values
-    loops = loop_closures(online.matches, t_scans, scan_keyframe, values, config.graph.robust.loops)
+    robustness = config.graph.robust.loops
+    closures = loop_closures(matches, t_scans, scan_keyframe, values, robustness)
     with clock.stage("covariance"):
         covariances = _covariances(problem, graph, refined)
     states = [values.atNavState(X(k)) for k in range(len(t))]
@@ -114,7 +130,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         mission=mission,
         georeferenced=start.georeferenced,
         online=keyframe_trajectory(t, online.states, online.covariances),
-        loops=loops,
+        loops=closures,
         rejections=(
             *mission.rejections,
             *motion.rejections,
@@ -124,7 +140,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         ),
         warnings=(*mission.warnings, *problem.warnings, *warnings),
         slow_states=slow_states(problem, values, covariances),
-        pose_graph=pose_graph(problem, keyframes, online.matches, scan_keyframe),
+        pose_graph=pose_graph(problem, keyframes, matches, scan_keyframe),
         sonar_map=sonar_map(sonar.echoes, trajectory) if sonar else None,
         landmarks=landmark_estimates(problem, values, covariances, set(settled.factors.keys())),
         gnss_used=len({(r.sensor, r.index) for r in settled.used if r.reason == POSITION_OUTLIER}),

@@ -18,7 +18,7 @@ import numpy as np
 from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.graph.cliques import largest_clique
 from gtsam_nav.graph.factors import X
-from gtsam_nav.graph.scan_matching import ScanMatch
+from gtsam_nav.graph.scan_matching import ScanMatch, between
 from gtsam_nav.graph.sensor_posterior import SensorPosterior
 from gtsam_nav.sensors.prediction import chi2_limit
 from gtsam_nav.series import BoolArray, IntArray
@@ -48,6 +48,11 @@ class LoopEvidence:
     def __len__(self) -> int:
         return len(self.residual)
 
+    def select(self, which: IntArray) -> LoopEvidence:
+        """Some of the closures."""
+        across = self.cov_predicted[which][:, :, which]
+        return LoopEvidence(self.residual[which], across, self.cov[which])
+
 
 def keyframes_of(loops: list[ScanMatch], scan_keyframe: IntArray) -> IntArray:
     """Keyframes that closures join, in order."""
@@ -66,7 +71,7 @@ def evidence_of(
     H = np.zeros((len(loops), 3, 3 * len(keyframes)))
     residual = np.empty((len(loops), 3))
     for i, (a, b) in enumerate(places.tolist()):
-        predicted, by_a, by_b = _relative(poses[a], poses[b])
+        predicted, by_a, by_b = between(poses[a], poses[b])
         residual[i] = loops[i].match.q - predicted
         H[i, :, 3 * a : 3 * a + 3], H[i, :, 3 * b : 3 * b + 3] = by_a, by_b
     residual[:, 2] = wrap_angle(residual[:, 2])
@@ -77,16 +82,6 @@ def evidence_of(
 
 def _planar(state: Any) -> Array:
     return np.array([*state.position()[:2], state.attitude().yaw()])
-
-
-def _relative(a: Array, b: Array) -> tuple[Array, Array, Array]:
-    """Pose of b in a, and its Jacobians in north, east and yaw of both."""
-    c, s = np.cos(a[2]), np.sin(a[2])
-    to_a = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    predicted = to_a @ (b - a)
-    by_a = -to_a
-    by_a[:2, 2] = predicted[1], -predicted[0]
-    return predicted, by_a, to_a
 
 
 def normalised_squares(evidence: LoopEvidence) -> Array:

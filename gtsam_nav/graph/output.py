@@ -132,7 +132,7 @@ def loop_closures(
                 sigma_yaw=float(sigma[2]),
                 score=m.match.overlap,
                 verdict="accepted" if m.accepted else "rejected",
-                reason=m.reason,
+                reason=f"injected {m.reason}".strip() if m.is_injected else m.reason,
                 weight=weight,
             )
         )

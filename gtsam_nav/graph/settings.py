@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import Field
 
 from gtsam_nav.graph.robust import RobustSettings
@@ -19,11 +21,20 @@ class LoopSettings(Settings):
         Nearer scans in time are not loops.
     max_candidates : int
         Nearest candidates registered a scan.
+    consistency_probability : float or None
+        Closures enter the final solution as the largest set of which each pair, with what all other
+        sensors say, passes a chi-square test of this probability; None lets all enter.
+    arbiter : {"none", "gnc"}
+        What judges them last: graduated non-convexity leaves out those whose residuals stay beyond
+        ``arbiter_probability``.
     """
 
     radius_m: float = Field(default=15.0, gt=0)
     min_separation_s: float = Field(default=60.0, ge=0)
     max_candidates: int = Field(default=2, ge=1)
+    consistency_probability: float | None = Field(default=0.9999, gt=0, lt=1)
+    arbiter: Literal["none", "gnc"] = "none"
+    arbiter_probability: float = Field(default=0.999, gt=0, lt=1)
 
 
 class RefinementSettings(Settings):
