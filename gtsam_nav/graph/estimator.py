@@ -19,17 +19,19 @@ from gtsam_nav.graph.measurements import build_problem
 from gtsam_nav.graph.measurements.constraints import rolls
 from gtsam_nav.graph.measurements.gnss import POSITION_OUTLIER
 from gtsam_nav.graph.measurements.imu import preintegrable, silences
-from gtsam_nav.graph.online import LOOP, SCAN_MATCH, match_factor, run_online
+from gtsam_nav.graph.online import match_factor, run_online
 from gtsam_nav.graph.output import (
     keyframe_trajectory,
     landmark_estimates,
     loop_closures,
+    match_rejections,
     pose_graph,
     slow_states,
     smoothed_covariances,
 )
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.refinement import JointRefinement, Refined, refine_without_sonar
+from gtsam_nav.graph.scan_matching import LOOP, SCAN_MATCH
 from gtsam_nav.graph.settling import settle
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.alignment import Alignment, align
@@ -114,6 +116,8 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
             graph = graph_of(entries)
             graph.push_back(settled.factors)
             refined = refine_without_sonar(graph, settled.values, problem)
+    if faults and not any(m.is_injected for m in matches):
+        warnings = (*warnings, "no loop closures: there were none to put false ones among")
     if not (refined.converged and settled.settled):
         warnings = (*warnings, "the refinement stopped before it settled")
     values = refined.values
@@ -137,6 +141,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
             *rejections,
             *problem.rejections,
             *settled.rejections,
+            *match_rejections(matches, t_scans),
         ),
         warnings=(*mission.warnings, *problem.warnings, *warnings),
         slow_states=slow_states(problem, values, covariances),

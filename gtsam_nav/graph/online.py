@@ -17,6 +17,8 @@ from gtsam_nav.graph.false_loops import LoopFault
 from gtsam_nav.graph.problem import Problem, SensorFactor
 from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.graph.scan_matching import (
+    LOOP,
+    SCAN_MATCH,
     PlanarPose,
     ScanMatch,
     loop_candidates,
@@ -26,9 +28,6 @@ from gtsam_nav.graph.scan_matching import (
 from gtsam_nav.series import IntArray
 from gtsam_nav.solution import Progress
 from gtsam_nav.sonar.scans import Scan
-
-SCAN_MATCH, LOOP = "sonar", "loops"
-"""Matches of consecutive scans, and of others."""
 
 
 @dataclass

@@ -16,8 +16,9 @@ from gtsam_nav.graph.backend import Covariances
 from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.robust import Robustness
-from gtsam_nav.graph.scan_matching import ScanMatch
+from gtsam_nav.graph.scan_matching import LOOP, SCAN_MATCH, ScanMatch
 from gtsam_nav.graph.sensor_posterior import SensorPosterior, free_part
+from gtsam_nav.mission import Rejection
 from gtsam_nav.series import IntArray
 from gtsam_nav.solution import LandmarkEstimates, LoopClosure, PoseGraph, PoseGraphEdge, SlowStates
 from gtsam_nav.trajectory import Trajectory
@@ -132,11 +133,26 @@ def loop_closures(
                 sigma_yaw=float(sigma[2]),
                 score=m.match.overlap,
                 verdict="accepted" if m.accepted else "rejected",
-                reason=f"injected {m.reason}".strip() if m.is_injected else m.reason,
+                reason=m.recorded_reason,
                 weight=weight,
             )
         )
     return tuple(closures)
+
+
+def match_rejections(matches: list[ScanMatch], t_scans: Array) -> tuple[Rejection, ...]:
+    """Registrations that succeeded and were not believed, at the new scan; ``index`` is its own."""
+    return tuple(
+        Rejection(
+            float(t_scans[m.b]),
+            LOOP if m.is_loop else SCAN_MATCH,
+            m.b,
+            m.recorded_reason,
+            m.normalised_residual,
+        )
+        for m in matches
+        if m.normalised_residual is not None
+    )
 
 
 def _weight(m: ScanMatch, scan_keyframe: IntArray, values: Any, robustness: Robustness) -> float:

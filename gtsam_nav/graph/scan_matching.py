@@ -14,6 +14,8 @@ from gtsam_nav.registration.settings import PicSettings
 from gtsam_nav.sensors.prediction import chi2_limit
 from gtsam_nav.sonar.scans import Scan
 
+SCAN_MATCH, LOOP = "sonar", "loops"
+"""What factors of consecutive scans' matches come from, and those of others."""
 PRIOR_FLOOR = np.array([0.3, 0.3, np.radians(2.0)])
 """A registration always looks at least this far (x, y, yaw) around its prior."""
 PRIOR_CAP = np.array([4.0, 4.0, np.radians(20.0)])
@@ -57,6 +59,11 @@ class ScanMatch:
     def accepted(self) -> bool:
         """Whether the match may enter the graph."""
         return not self.reason
+
+    @property
+    def recorded_reason(self) -> str:
+        """The reason, which says of a made-up match that it is one."""
+        return f"injected {self.reason}".strip() if self.is_injected else self.reason
 
 
 def loop_candidates(
