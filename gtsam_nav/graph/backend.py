@@ -92,7 +92,7 @@ class Backend:
         try:
             self._isam.update(self._new_factors, self._new_values)
         except RuntimeError as error:
-            raise EstimationError(f"iSAM2 failed: {str(error).strip().splitlines()[0]}") from error
+            raise EstimationError(f"iSAM2 failed: {_first_lines(error)}") from error
         self._new_factors = gtsam.NonlinearFactorGraph()
         self._new_values = gtsam.Values()
 
@@ -133,6 +133,11 @@ def graph_of(entries: Iterable[SensorFactor]) -> Any:
     return graph
 
 
+def _first_lines(error: RuntimeError) -> str:
+    """What GTSAM says, less its explanations."""
+    return " ".join(str(error).strip().split("\n\n")[0].split())
+
+
 def _isam2(is_stiff: bool) -> Any:
     parameters = gtsam.ISAM2Params()
     parameters.setRelinearizeThreshold(RELINEARIZE_THRESHOLD)
@@ -163,7 +168,7 @@ def solve_batch(graph: Any, values: Any, is_stiff: bool = False) -> Any:
     except RuntimeError as error:
         if not is_stiff:
             return solve_batch(graph, values, is_stiff=True)
-        raise EstimationError(f"the batch solve failed: {str(error).strip()[:200]}") from error
+        raise EstimationError(f"the batch solve failed: {_first_lines(error)}") from error
     if not np.isfinite(graph.error(result)):
         raise EstimationError("the batch solve diverged")
     return result
@@ -210,7 +215,7 @@ class Covariances:
                 self._by_qr.update(self._graph, self._values)
             return _joint(self._by_qr, keys)
         except RuntimeError as error:
-            raise EstimationError(f"no covariance: {str(error).strip()[:200]}") from error
+            raise EstimationError(f"no covariance: {_first_lines(error)}") from error
 
 
 def _joint(marginals: Any, keys: list[int]) -> Array:

@@ -13,6 +13,7 @@ from gtsam_nav.graph.backend import graph_of
 from gtsam_nav.graph.dense import dense_trajectory
 from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.false_loops import loop_faults
+from gtsam_nav.graph.indeterminacy import check_anchored, states_named
 from gtsam_nav.graph.keyframes import keyframe_times, merged_anchors
 from gtsam_nav.graph.loop_judging import judged
 from gtsam_nav.graph.measurements import build_problem
@@ -31,6 +32,7 @@ from gtsam_nav.graph.output import (
 )
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.refinement import JointRefinement, Refined, refine_without_sonar
+from gtsam_nav.graph.robust import check_sigmas
 from gtsam_nav.graph.scan_matching import LOOP, SCAN_MATCH
 from gtsam_nav.graph.settling import settle
 from gtsam_nav.mission import Mission
@@ -80,6 +82,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         Where the graph is indeterminate or diverges.
     """
     clock = StageClock()
+    check_sigmas(mission, config.graph.robust)
     with clock.stage("motion"):
         start, motion = _start_and_motion(mission, config)
     mission, echoes, rejections, warnings = leave_out_defective_sonar(mission, config.sonar)
@@ -90,13 +93,14 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     scan_keyframe = np.searchsorted(t, t_scans)
     with clock.stage("factors"):
         problem = build_problem(mission, start, motion, t, config)
+        check_anchored(problem)
     loops = config.graph.loops
     faults = loop_faults(mission.faults, config.seed, problem, scan_keyframe, loops)
-    with clock.stage("isam2"):
+    with clock.stage("isam2"), states_named(problem):
         scans = sonar.scans if sonar else []
         online = run_online(problem, scans, scan_keyframe, config, progress, faults)
     entries, values = online.backend.entries, online.backend.values()
-    with clock.stage("loops"):
+    with clock.stage("loops"), states_named(problem):
         entries = [entry for entry in entries if entry.sensor != LOOP]
         matches = judged(online.matches, problem, entries, values, scan_keyframe, loops)
         entries += [
@@ -104,9 +108,9 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
             for m in matches
             if m.is_loop and m.accepted
         ]
-    with clock.stage("batch"):
+    with clock.stage("batch"), states_named(problem):
         settled = settle(problem, entries, values)
-    with clock.stage("refinement"):
+    with clock.stage("refinement"), states_named(problem):
         if sonar is not None and config.graph.refinement.max_iterations:
             graph = graph_of(e for e in entries if e.sensor not in (SCAN_MATCH, LOOP))
             graph.push_back(settled.factors)
@@ -123,7 +127,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     values = refined.values
     robustness = config.graph.robust.loops
     closures = loop_closures(matches, t_scans, scan_keyframe, values, robustness)
-    with clock.stage("covariance"):
+    with clock.stage("covariance"), states_named(problem):
         covariances = _covariances(problem, graph, refined)
     states = [values.atNavState(X(k)) for k in range(len(t))]
     keyframes = keyframe_trajectory(t, states, [covariances[X(k)] for k in range(len(t))])

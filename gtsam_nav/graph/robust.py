@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar, Literal
 
+import numpy as np
 from pydantic import Field
 
+from gtsam_nav.errors import DataError
+from gtsam_nav.mission import Mission
 from gtsam_nav.settings import Settings
 
 KernelName = Literal["none", "huber", "cauchy", "geman_mcclure", "dcs", "tukey", "tls"]
@@ -111,3 +114,22 @@ class RobustSettings(Settings):
     depth: GatedRobustness = GatedRobustness()
     landmarks: SightingRobustness = SightingRobustness()
     loops: LoopRobustness = LoopRobustness()
+
+
+def check_sigmas(mission: Mission, robust: RobustSettings) -> None:
+    """Raise a DataError for a sensor that states a sigma of zero: no kernel can weigh by it."""
+    for sensor in mission.sensors.values():
+        if sensor.type == "reference":
+            continue
+        for name in sensor.series.column_specs():
+            sigma = getattr(sensor.series, name) if name.startswith("sigma") else None
+            if sigma is None or np.all(sigma > 0):
+                continue
+            k = int(np.flatnonzero(np.any(sigma.reshape(len(sigma), -1) <= 0, axis=1))[0])
+            kind = sensor.type if sensor.type in RobustSettings.model_fields else "velocity"
+            kernel = getattr(robust, kind).kernel
+            raise DataError(
+                f"sensor '{sensor.name}': {name} is {np.min(sigma[k]):g} at"
+                f" {sensor.series.t[k]:.1f} s; residuals are weighed by it (graph.robust.{kind},"
+                f" kernel {kernel}), so it must be above zero"
+            )
