@@ -34,7 +34,8 @@ from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.refinement import JointRefinement, Refined, refine_without_sonar
 from gtsam_nav.graph.robust import check_sigmas
 from gtsam_nav.graph.scan_matching import LOOP, SCAN_MATCH
-from gtsam_nav.graph.settling import settle
+from gtsam_nav.graph.settling import Settled, settle
+from gtsam_nav.graph.weights import contradictions, robust_weights
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.alignment import Alignment, align
 from gtsam_nav.preprocess.inertial_motion import inertial_motion
@@ -60,6 +61,8 @@ from gtsam_nav.sonar.preparation import (
 )
 
 MAP_START_SIGMAS = 10.0
+LEAST_BELIEVED = 0.2
+"""Where a smaller share of the fixes agrees, none of them tells where the vehicle is."""
 ROLLING_INTERVAL_S = 0.25
 """Longest time between keyframes of a vehicle on wheels: each is held to its course."""
 
@@ -122,11 +125,17 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
             refined = refine_without_sonar(graph, settled.values, problem)
     if faults and not any(m.is_injected for m in matches):
         warnings = (*warnings, "no loop closures: there were none to put false ones among")
+    fixes, believed = _fixes(problem, settled)
+    if not _enough(believed, fixes):
+        warnings = (*warnings, f"gnss: only {believed} of {fixes} fixes agree with each other")
     if not (refined.converged and settled.settled):
         warnings = (*warnings, "the refinement stopped before it settled")
     values = refined.values
     robustness = config.graph.robust.loops
     closures = loop_closures(matches, t_scans, scan_keyframe, values, robustness)
+    joined = [(m, match_factor(m, scan_keyframe, robustness)) for m in matches if m.accepted]
+    timed = [(float(t_scans[m.b]), entry) for m, entry in joined]
+    weights = robust_weights(problem, timed, settled.used, values)
     with clock.stage("covariance"), states_named(problem):
         covariances = _covariances(problem, graph, refined)
     states = [values.atNavState(X(k)) for k in range(len(t))]
@@ -136,7 +145,8 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         method="graph",
         trajectory=trajectory,
         mission=mission,
-        georeferenced=start.georeferenced,
+        georeferenced=start.georeferenced
+        and (_enough(believed, fixes) or mission.initial.p_n is not None),
         online=keyframe_trajectory(t, online.states, online.covariances),
         loops=closures,
         rejections=(
@@ -147,15 +157,31 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
             *settled.rejections,
             *match_rejections(matches, t_scans),
         ),
-        warnings=(*mission.warnings, *problem.warnings, *warnings),
+        robust_weights=weights,
+        warnings=(*mission.warnings, *problem.warnings, *warnings, *contradictions(weights)),
         slow_states=slow_states(problem, values, covariances),
         pose_graph=pose_graph(problem, keyframes, matches, scan_keyframe),
         sonar_map=sonar_map(sonar.echoes, trajectory) if sonar else None,
         landmarks=landmark_estimates(problem, values, covariances, set(settled.factors.keys())),
-        gnss_used=len({(r.sensor, r.index) for r in settled.used if r.reason == POSITION_OUTLIER}),
+        gnss_used=believed,
         n_keyframes=len(t),
         stage_s=clock.seconds,
     )
+
+
+def _fixes(problem: Problem, settled: Settled) -> tuple[int, int]:
+    """Number of fixes with a position, and of those that were believed."""
+    readings = (reading for brought in problem.readings for reading in brought)
+    every, used = (
+        len({(r.sensor, r.index) for r in some if r.reason == POSITION_OUTLIER})
+        for some in (readings, settled.used)
+    )
+    return every, used
+
+
+def _enough(believed: int, fixes: int) -> bool:
+    """Whether the fixes that were believed are more than a chance agreement among outliers."""
+    return believed >= LEAST_BELIEVED * fixes
 
 
 def _start_and_motion(mission: Mission, config: Config) -> tuple[Alignment, VehicleMotion]:
