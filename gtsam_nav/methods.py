@@ -80,6 +80,15 @@ def check_method(method: str) -> None:
         raise ConfigError(f"unknown method '{method}'; the choices are: {', '.join(_METHODS)}")
 
 
+def _check_faults(method: str, mission: Mission) -> None:
+    """Raise a ConfigError for false loop closures where no graph takes them."""
+    from gtsam_nav.simulation.faults import FalseLoops
+
+    for fault in mission.faults:
+        if method != "graph" and fault.startswith(f"{FalseLoops.TARGET}:"):
+            raise ConfigError(f"'{fault}': only graph takes false loop closures, not {method}")
+
+
 def estimate(
     mission: Mission,
     method: str = "graph",
@@ -128,6 +137,7 @@ def estimate(
         from gtsam_nav.simulation import inject
 
         blind = inject(blind, faults, config.seed)
+    _check_faults(method, blind)
     run: Method = import_module(_METHODS[method].module).estimate
     try:
         # matrices of a thousand rows: more BLAS threads spend their time waiting for each other

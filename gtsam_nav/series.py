@@ -83,6 +83,10 @@ class Series:
     def __len__(self) -> int:
         return len(self.t)
 
+    def row_nearest(self, t: float) -> int:
+        """Sample number in the source of the sample nearest to a time."""
+        return int(self.row[np.argmin(np.abs(self.t - t))])
+
     def select(self, which: BoolArray | IntArray | slice) -> Self:
         """The samples that a mask, an index array in time order, or a slice picks."""
         picked = {

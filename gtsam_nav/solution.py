@@ -85,6 +85,24 @@ class Innovations:
 
 
 @dataclass(frozen=True)
+class RobustWeights:
+    """What kernel and gate left of one sensor's measurements at the solution.
+
+    Attributes
+    ----------
+    kernel : str
+    t, residual, weight : ndarray, shape (n,)
+        Time, residual in standard deviations, and the share of its information that counts: zero
+        for what was rejected.
+    """
+
+    kernel: str
+    t: Array
+    residual: Array
+    weight: Array
+
+
+@dataclass(frozen=True)
 class PoseGraphEdge:
     """A relative pose between two vertices: R, t of b in a, information in (rot, trans) order."""
 
@@ -146,6 +164,8 @@ class Solution:
         policy withheld.
     rejections : tuple of Rejection
         Every measurement that was not used, the reader's included.
+    robust_weights : mapping of str to RobustWeights
+        By sensor, of those whose measurements stood under a kernel or a gate.
     warnings : tuple of str
         Degradations that the user must hear of.
     stage_s : mapping
@@ -163,6 +183,7 @@ class Solution:
     warnings: tuple[str, ...] = ()
     slow_states: SlowStates | None = None
     innovations: Mapping[str, Innovations] = field(default_factory=dict)
+    robust_weights: Mapping[str, RobustWeights] = field(default_factory=dict)
     pose_graph: PoseGraph | None = None
     sonar_map: SonarMap | None = None
     landmarks: LandmarkEstimates | None = None

@@ -312,6 +312,16 @@ def _sensors(report: _Report) -> Html:
         element("h3", "GNSS"),
         tables.gnss_table(report.metrics),
     ]
+    if any(s.robust_weights for s in report.solutions):
+        note = (
+            "A kernel leaves a measurement the share of its information that its weight says; what "
+            "failed a gate has none. Many low weights mean that a sensor and the others disagree."
+        )
+        pieces += [
+            element("h3", "Robust weights at the solution"),
+            tables.weight_table(report.solutions),
+            element("p", note, class_="note"),
+        ]
     if any(s.rejections for s in report.solutions):
         pieces += [
             element("h3", "Measurements that were not used"),

@@ -6,6 +6,8 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 
+import numpy as np
+
 from gtsam_nav.evaluation.alignment import ALIGNMENTS
 from gtsam_nav.evaluation.consistency import Consistency
 from gtsam_nav.evaluation.html import Html, element, join, table
@@ -156,6 +158,27 @@ def loop_table(solution: Solution) -> Html:
     counts = Counter((loop.verdict, _kind(loop.reason) or DASH) for loop in solution.loops)
     rows = [(verdict, reason, str(n)) for (verdict, reason), n in sorted(counts.items())]
     return table(("verdict", "reason", "loops"), rows, names=2)
+
+
+def weight_table(solutions: Sequence[Solution]) -> Html:
+    """What kernels and gates left of each sensor's measurements at the solution."""
+    header = (
+        *("method", "sensor", "kernel", "measurements", "left out (%)"),
+        *("weight below 0.5 (%)", "mean weight", "median residual (sigma)"),
+    )
+    rows = []
+    for s in solutions:
+        for k, (sensor, own) in enumerate(s.robust_weights.items()):
+            shares = (np.mean(own.weight == 0.0), np.mean(own.weight < 0.5))
+            rows.append(
+                (
+                    *("" if k else s.method, sensor, own.kernel, str(len(own.t))),
+                    *(number(100 * float(share), 1) for share in shares),
+                    number(float(np.mean(own.weight))),
+                    number(float(np.median(own.residual))),
+                )
+            )
+    return table(header, rows, names=3)
 
 
 def gnss_table(metrics: ByMethod) -> Html:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import gtsam
@@ -12,10 +13,11 @@ from gtsam_nav.frames import Array
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.problem import Problem, Reading, SensorFactor
+from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.graph.scan_matching import PlanarPose
 
 RELINEARIZE_THRESHOLD = 0.05
-ONLINE_CAUCHY_K = 2.385
+DOUBTED = Robustness(kernel="cauchy")
 """Of readings that may be outliers: while they come in, none is judged for good."""
 
 
@@ -72,9 +74,8 @@ class Backend:
             self._new_factors.add(self._online_factor(reading))
 
     def _online_factor(self, reading: Reading) -> Any:
-        is_doubtful = reading.gate_probability is not None
-        kernel = factors.cauchy_kernel(ONLINE_CAUCHY_K) if is_doubtful else reading.kernel
-        return factors.robust(reading.make(self._state_at), kernel)
+        robustness = DOUBTED if reading.is_gated else reading.robustness
+        return factors.robust(reading.make(self._state_at), robustness)
 
     def _state_at(self, key: int) -> Any:
         if self._new_values.exists(key):
@@ -91,7 +92,7 @@ class Backend:
         try:
             self._isam.update(self._new_factors, self._new_values)
         except RuntimeError as error:
-            raise EstimationError(f"iSAM2 failed: {str(error).strip().splitlines()[0]}") from error
+            raise EstimationError(f"iSAM2 failed: {_first_lines(error)}") from error
         self._new_factors = gtsam.NonlinearFactorGraph()
         self._new_values = gtsam.Values()
 
@@ -123,13 +124,18 @@ class Backend:
         """Current estimate of everything."""
         return self._isam.calculateEstimate()
 
-    def graph(self, without: str | None = None) -> Any:
-        """All factors so far but the readings', or all but those of one sensor."""
-        graph = gtsam.NonlinearFactorGraph()
-        for entry in self.entries:
-            if entry.sensor != without:
-                graph.add(entry.factor)
-        return graph
+
+def graph_of(entries: Iterable[SensorFactor]) -> Any:
+    """Factors under their kernels as a graph."""
+    graph = gtsam.NonlinearFactorGraph()
+    for entry in entries:
+        graph.add(entry.factor)
+    return graph
+
+
+def _first_lines(error: RuntimeError) -> str:
+    """What GTSAM says, less its explanations."""
+    return " ".join(str(error).strip().split("\n\n")[0].split())
 
 
 def _isam2(is_stiff: bool) -> Any:
@@ -162,7 +168,7 @@ def solve_batch(graph: Any, values: Any, is_stiff: bool = False) -> Any:
     except RuntimeError as error:
         if not is_stiff:
             return solve_batch(graph, values, is_stiff=True)
-        raise EstimationError(f"the batch solve failed: {str(error).strip()[:200]}") from error
+        raise EstimationError(f"the batch solve failed: {_first_lines(error)}") from error
     if not np.isfinite(graph.error(result)):
         raise EstimationError("the batch solve diverged")
     return result
@@ -209,7 +215,7 @@ class Covariances:
                 self._by_qr.update(self._graph, self._values)
             return _joint(self._by_qr, keys)
         except RuntimeError as error:
-            raise EstimationError(f"no covariance: {str(error).strip()[:200]}") from error
+            raise EstimationError(f"no covariance: {_first_lines(error)}") from error
 
 
 def _joint(marginals: Any, keys: list[int]) -> Array:

@@ -9,25 +9,33 @@ import numpy as np
 
 from gtsam_nav.config import Config
 from gtsam_nav.frames import Array
+from gtsam_nav.graph.backend import graph_of
 from gtsam_nav.graph.dense import dense_trajectory
 from gtsam_nav.graph.factors import B, X
+from gtsam_nav.graph.false_loops import loop_faults
+from gtsam_nav.graph.indeterminacy import check_anchored, states_named
 from gtsam_nav.graph.keyframes import keyframe_times, merged_anchors
+from gtsam_nav.graph.loop_judging import judged
 from gtsam_nav.graph.measurements import build_problem
 from gtsam_nav.graph.measurements.constraints import rolls
 from gtsam_nav.graph.measurements.gnss import POSITION_OUTLIER
 from gtsam_nav.graph.measurements.imu import preintegrable, silences
-from gtsam_nav.graph.online import SCAN_MATCH, run_online
+from gtsam_nav.graph.online import match_factor, run_online
 from gtsam_nav.graph.output import (
     keyframe_trajectory,
     landmark_estimates,
     loop_closures,
+    match_rejections,
     pose_graph,
     slow_states,
     smoothed_covariances,
 )
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.refinement import JointRefinement, Refined, refine_without_sonar
-from gtsam_nav.graph.settling import settle
+from gtsam_nav.graph.robust import check_sigmas
+from gtsam_nav.graph.scan_matching import LOOP, SCAN_MATCH
+from gtsam_nav.graph.settling import Settled, settle
+from gtsam_nav.graph.weights import contradictions, robust_weights
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.alignment import Alignment, align
 from gtsam_nav.preprocess.inertial_motion import inertial_motion
@@ -53,6 +61,8 @@ from gtsam_nav.sonar.preparation import (
 )
 
 MAP_START_SIGMAS = 10.0
+LEAST_BELIEVED = 0.2
+"""Where a smaller share of the fixes agrees, none of them tells where the vehicle is."""
 ROLLING_INTERVAL_S = 0.25
 """Longest time between keyframes of a vehicle on wheels: each is held to its course."""
 
@@ -75,6 +85,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         Where the graph is indeterminate or diverges.
     """
     clock = StageClock()
+    check_sigmas(mission, config.graph.robust)
     with clock.stage("motion"):
         start, motion = _start_and_motion(mission, config)
     mission, echoes, rejections, warnings = leave_out_defective_sonar(mission, config.sonar)
@@ -85,27 +96,47 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     scan_keyframe = np.searchsorted(t, t_scans)
     with clock.stage("factors"):
         problem = build_problem(mission, start, motion, t, config)
-    with clock.stage("isam2"):
-        online = run_online(problem, sonar.scans if sonar else [], scan_keyframe, config, progress)
-    with clock.stage("batch"):
-        settled = settle(problem, online.backend.graph(), online.backend.values())
-    with clock.stage("refinement"):
+        check_anchored(problem)
+    loops = config.graph.loops
+    faults = loop_faults(mission.faults, config.seed, problem, scan_keyframe, loops)
+    with clock.stage("isam2"), states_named(problem):
+        scans = sonar.scans if sonar else []
+        online = run_online(problem, scans, scan_keyframe, config, progress, faults)
+    entries, values = online.backend.entries, online.backend.values()
+    with clock.stage("loops"), states_named(problem):
+        entries = [entry for entry in entries if entry.sensor != LOOP]
+        matches = judged(online.matches, problem, entries, values, scan_keyframe, loops)
+        entries += [
+            match_factor(m, scan_keyframe, config.graph.robust.loops)
+            for m in matches
+            if m.is_loop and m.accepted
+        ]
+    with clock.stage("batch"), states_named(problem):
+        settled = settle(problem, entries, values)
+    with clock.stage("refinement"), states_named(problem):
         if sonar is not None and config.graph.refinement.max_iterations:
-            graph = online.backend.graph(without=SCAN_MATCH)
+            graph = graph_of(e for e in entries if e.sensor not in (SCAN_MATCH, LOOP))
             graph.push_back(settled.factors)
             joint = JointRefinement(sonar.echoes, sonar.turns, problem, config.graph.refinement)
             refined = joint.run(graph, settled.values, progress)
         else:
-            graph = online.backend.graph()
+            graph = graph_of(entries)
             graph.push_back(settled.factors)
             refined = refine_without_sonar(graph, settled.values, problem)
+    if faults and not any(m.is_injected for m in matches):
+        warnings = (*warnings, "no loop closures: there were none to put false ones among")
+    fixes, believed = _fixes(problem, settled)
+    if not _enough(believed, fixes):
+        warnings = (*warnings, f"gnss: only {believed} of {fixes} fixes agree with each other")
     if not (refined.converged and settled.settled):
         warnings = (*warnings, "the refinement stopped before it settled")
     values = refined.values
-    loops = loop_closures(
-        online.matches, t_scans, scan_keyframe, values, config.graph.loops.cauchy_k
-    )
-    with clock.stage("covariance"):
+    robustness = config.graph.robust.loops
+    closures = loop_closures(matches, t_scans, scan_keyframe, values, robustness)
+    joined = [(m, match_factor(m, scan_keyframe, robustness)) for m in matches if m.accepted]
+    timed = [(float(t_scans[m.b]), entry) for m, entry in joined]
+    weights = robust_weights(problem, timed, settled.used, values)
+    with clock.stage("covariance"), states_named(problem):
         covariances = _covariances(problem, graph, refined)
     states = [values.atNavState(X(k)) for k in range(len(t))]
     keyframes = keyframe_trajectory(t, states, [covariances[X(k)] for k in range(len(t))])
@@ -114,25 +145,43 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         method="graph",
         trajectory=trajectory,
         mission=mission,
-        georeferenced=start.georeferenced,
+        georeferenced=start.georeferenced
+        and (_enough(believed, fixes) or mission.initial.p_n is not None),
         online=keyframe_trajectory(t, online.states, online.covariances),
-        loops=loops,
+        loops=closures,
         rejections=(
             *mission.rejections,
             *motion.rejections,
             *rejections,
             *problem.rejections,
             *settled.rejections,
+            *match_rejections(matches, t_scans),
         ),
-        warnings=(*mission.warnings, *problem.warnings, *warnings),
+        robust_weights=weights,
+        warnings=(*mission.warnings, *problem.warnings, *warnings, *contradictions(weights)),
         slow_states=slow_states(problem, values, covariances),
-        pose_graph=pose_graph(problem, keyframes, online.matches, scan_keyframe),
+        pose_graph=pose_graph(problem, keyframes, matches, scan_keyframe),
         sonar_map=sonar_map(sonar.echoes, trajectory) if sonar else None,
         landmarks=landmark_estimates(problem, values, covariances, set(settled.factors.keys())),
-        gnss_used=len({(r.sensor, r.index) for r in settled.used if r.reason == POSITION_OUTLIER}),
+        gnss_used=believed,
         n_keyframes=len(t),
         stage_s=clock.seconds,
     )
+
+
+def _fixes(problem: Problem, settled: Settled) -> tuple[int, int]:
+    """Number of fixes with a position, and of those that were believed."""
+    readings = (reading for brought in problem.readings for reading in brought)
+    every, used = (
+        len({(r.sensor, r.index) for r in some if r.reason == POSITION_OUTLIER})
+        for some in (readings, settled.used)
+    )
+    return every, used
+
+
+def _enough(believed: int, fixes: int) -> bool:
+    """Whether the fixes that were believed are more than a chance agreement among outliers."""
+    return believed >= LEAST_BELIEVED * fixes
 
 
 def _start_and_motion(mission: Mission, config: Config) -> tuple[Alignment, VehicleMotion]:

@@ -14,6 +14,7 @@ import numpy as np
 from gtsam.symbol_shorthand import B, G, L, M, X
 
 from gtsam_nav.frames import Array, Origin, earth_rate_n, rotation_from_rpy
+from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.mission import Sensor
 from gtsam_nav.preprocess.strapdown import gravity_at
 from gtsam_nav.sensors.noise import ImuNoise
@@ -30,28 +31,38 @@ def precisions(values: Any) -> Any:
     return gtsam.noiseModel.Diagonal.Precisions(np.asarray(values, dtype=float))
 
 
-def huber_kernel(k: float) -> Any:
-    """Huber's m-estimator."""
-    return gtsam.noiseModel.mEstimator.Huber.Create(k)
+def m_estimator(robustness: Robustness) -> Any:
+    """GTSAM's m-estimator of that kernel; None for least squares."""
+    estimators, scale = gtsam.noiseModel.mEstimator, robustness.scale
+    match robustness.kernel:
+        case "none":
+            return None
+        case "huber":
+            return estimators.Huber.Create(scale)
+        case "cauchy":
+            return estimators.Cauchy.Create(scale)
+        case "geman_mcclure":
+            return estimators.GemanMcClure.Create(scale)
+        case "dcs":
+            # its scale is that of the squared residual
+            return estimators.DCS.Create(scale**2)
+        case "tukey":
+            return estimators.Tukey.Create(scale)
+        case "tls":
+            return estimators.TruncatedLeastSquares.Create(scale)
 
 
-def cauchy_kernel(k: float) -> Any:
-    """Cauchy's m-estimator."""
-    return gtsam.noiseModel.mEstimator.Cauchy.Create(k)
+def weight(robustness: Robustness, whitened: float) -> float:
+    """What a kernel leaves of the information of a residual of this whitened norm."""
+    kernel = m_estimator(robustness)
+    return 1.0 if kernel is None else float(kernel.weight(whitened))
 
 
-def huber(k: float, noise: Any) -> Any:
-    """The noise under a Huber kernel."""
-    return gtsam.noiseModel.Robust.Create(huber_kernel(k), noise)
-
-
-def cauchy(k: float, noise: Any) -> Any:
-    """The noise under a Cauchy kernel."""
-    return gtsam.noiseModel.Robust.Create(cauchy_kernel(k), noise)
-
-
-def robust(factor: Any, kernel: Any) -> Any:
-    """The factor under an m-estimator."""
+def robust(factor: Any, robustness: Robustness) -> Any:
+    """The factor under a kernel."""
+    kernel = m_estimator(robustness)
+    if kernel is None:
+        return factor
     return factor.cloneWithNewNoiseModel(
         gtsam.noiseModel.Robust.Create(kernel, factor.noiseModel())
     )
@@ -73,11 +84,11 @@ def start_prior(
     return gtsam.PriorFactorNavState(key, state, gtsam.noiseModel.Gaussian.Covariance(cov))
 
 
-def velocity(key: int, v_b: Array, sigma: Any, huber_k: float) -> Any:
+def velocity(key: int, v_b: Array, sigma: Any) -> Any:
     """Body velocity: ``R_nb' v_n - v_b``; an infinite sigma is unobserved."""
     noise = precisions([*[0] * 6, *(np.ones(3) / np.square(sigma))])
     measured = np.r_[np.zeros(6), v_b]
-    return gtsam.ExtendedPriorFactorNavState(key, gtsam.NavState(), measured, huber(huber_k, noise))
+    return gtsam.ExtendedPriorFactorNavState(key, gtsam.NavState(), measured, noise)
 
 
 def position_prior(key: int, p_n: Array, sigma: Array) -> Any:
@@ -85,9 +96,9 @@ def position_prior(key: int, p_n: Array, sigma: Array) -> Any:
     return gtsam.GPSFactor2(key, p_n, precisions(1 / np.asarray(sigma) ** 2))
 
 
-def nonholonomic(key: int, sigma: float, huber_k: float) -> Any:
+def nonholonomic(key: int, sigma: float) -> Any:
     """Neither sideways nor up: the last two components of ``R_nb' v_n``."""
-    return velocity(key, np.zeros(3), np.array([np.inf, sigma, sigma]), huber_k)
+    return velocity(key, np.zeros(3), np.array([np.inf, sigma, sigma]))
 
 
 def no_turn(a: int, b: int, sigma: float) -> Any:
@@ -103,12 +114,12 @@ def no_gain(a: int, b: int, sigma: Array) -> Any:
 
 
 def increment(
-    a: int, b: int, R_ab: Array, p_a: Array, rotation_precisions: Array, sigma_p: float, k: float
+    a: int, b: int, R_ab: Array, p_a: Array, rotation_precisions: Array, sigma_p: float
 ) -> Any:
     """Motion from keyframe a to b: ``R_ab' (R_a' (p_b - p_a) - p_ab)``, and rotation if known."""
     noise = precisions([*rotation_precisions, *[1 / sigma_p**2] * 3, 0, 0, 0])
     measured = nav_state(R_ab, p_a, np.zeros(3))
-    return gtsam.BetweenFactorNavState(a, b, measured, huber(k, noise))
+    return gtsam.BetweenFactorNavState(a, b, measured, noise)
 
 
 def turn(a: int, b: int, R_ab: Array, precision: float) -> Any:
@@ -117,9 +128,9 @@ def turn(a: int, b: int, R_ab: Array, precision: float) -> Any:
     return gtsam.BetweenFactorNavState(a, b, nav_state(R_ab, np.zeros(3), np.zeros(3)), noise)
 
 
-def depth(key: int, depth_m: float, lever_b: Array, sigma: float, huber_k: float) -> Any:
+def depth(key: int, depth_m: float, lever_b: Array, sigma: float) -> Any:
     """Depth: ``d + (R_nb lever_b)_d - depth``."""
-    noise = huber(huber_k, precisions([0, 0, 1 / sigma**2]))
+    noise = precisions([0, 0, 1 / sigma**2])
     return gtsam.GPSFactor2Arm(key, np.array([0.0, 0.0, depth_m]), lever_b, noise)
 
 
@@ -168,11 +179,9 @@ def _against_compass(compass: int | None, key: int, R_measured: Array, noise: An
     return gtsam.BetweenFactorNavState(compass, key, measured, noise)
 
 
-def orientation(
-    compass: int | None, key: int, R_measured: Array, sigma_rpy: Array, huber_k: float
-) -> Any:
+def orientation(compass: int | None, key: int, R_measured: Array, sigma_rpy: Array) -> Any:
     """AHRS: the whole orientation against the measured one and the compass's bias."""
-    noise = huber(huber_k, precisions([*(1 / np.asarray(sigma_rpy) ** 2), *[0] * 6]))
+    noise = precisions([*(1 / np.asarray(sigma_rpy) ** 2), *[0] * 6])
     return _against_compass(compass, key, R_measured, noise)
 
 
@@ -222,11 +231,11 @@ def landmark_prior(key: int, p_n: Array, sigma: Array) -> Any:
     return gtsam.PriorFactorNavState(key, nav_state(np.eye(3), p_n, np.zeros(3)), noise)
 
 
-def tilt(key: int, rpy: Array, sigma: float, huber_k: float) -> Any:
+def tilt(key: int, rpy: Array, sigma: float) -> Any:
     """Roll and pitch as the direction of down in body axes; yaw stays free."""
     down = gtsam.Unit3(np.array([0.0, 0.0, 1.0]))
     measured = gtsam.Unit3(rotation_from_rpy(rpy)[2])
-    noise = huber(huber_k, gtsam.noiseModel.Isotropic.Sigma(2, sigma))
+    noise = gtsam.noiseModel.Isotropic.Sigma(2, sigma)
     return gtsam.AttitudeFactorNavState(key, down, noise, measured)
 
 
@@ -248,7 +257,7 @@ def compass_pin(key: int) -> Any:
     return gtsam.PriorFactorNavState(key, gtsam.NavState(), noise)
 
 
-def planar_match(a: int, b: int, q: Array, cov: Array, cauchy_k: float) -> Any:
+def planar_match(a: int, b: int, q: Array, cov: Array) -> Any:
     """Scan match: x, y and yaw of b in a; depth, roll, pitch and velocity stay free."""
     R_ab = rotation_from_rpy([0.0, 0.0, q[2]])
     # the native residual is R_ab' (predicted - measured): turn the information into its axes
@@ -259,7 +268,7 @@ def planar_match(a: int, b: int, q: Array, cov: Array, cauchy_k: float) -> Any:
     root[:, [3, 4, 2]] = np.linalg.cholesky(information).T
     measured = nav_state(R_ab, np.array([q[0], q[1], 0.0]), np.zeros(3))
     noise = gtsam.noiseModel.Gaussian.SqrtInformation(np.vstack([root, np.zeros((6, 9))]), False)
-    return gtsam.BetweenFactorNavState(a, b, measured, cauchy(cauchy_k, noise))
+    return gtsam.BetweenFactorNavState(a, b, measured, noise)
 
 
 def imu_parameters(imu: Sensor, origin: Origin | None, p_n: Array) -> Any:

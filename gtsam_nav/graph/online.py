@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,8 +13,12 @@ from gtsam_nav.frames import Array
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.backend import Backend, planar_pose
 from gtsam_nav.graph.factors import X
+from gtsam_nav.graph.false_loops import LoopFault
 from gtsam_nav.graph.problem import Problem, SensorFactor
+from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.graph.scan_matching import (
+    LOOP,
+    SCAN_MATCH,
     PlanarPose,
     ScanMatch,
     loop_candidates,
@@ -23,8 +28,6 @@ from gtsam_nav.graph.scan_matching import (
 from gtsam_nav.series import IntArray
 from gtsam_nav.solution import Progress
 from gtsam_nav.sonar.scans import Scan
-
-SCAN_MATCH = "sonar"
 
 
 @dataclass
@@ -46,6 +49,11 @@ class OnlinePass:
     covariances: list[Array] = field(default_factory=list)
     matches: list[ScanMatch] = field(default_factory=list)
 
+    @property
+    def true_loops(self) -> list[ScanMatch]:
+        """Closures that were registered and accepted."""
+        return [m for m in self.matches if m.is_loop and m.accepted and not m.is_injected]
+
 
 def run_online(
     problem: Problem,
@@ -53,6 +61,7 @@ def run_online(
     scan_keyframe: IntArray,
     config: Config,
     progress: Progress,
+    faults: Sequence[LoopFault] = (),
 ) -> OnlinePass:
     """Feed the keyframes to iSAM2, several at a time, and match the scans as they come.
 
@@ -61,6 +70,8 @@ def run_online(
     scans : list of Scan
     scan_keyframe : ndarray of int
         Keyframe of each scan.
+    faults : sequence of LoopFault
+        False closures that come among the true ones.
     """
     done = OnlinePass(Backend(problem))
     poses: list[PlanarPose] = []
@@ -77,6 +88,9 @@ def run_online(
             k = int(scan_keyframe[s])
             poses.append(planar_pose(done.states[k], done.covariances[k]))
             _match_scan(done, s, scans, scan_keyframe, poses, config)
+            for fault in faults:
+                for false in fault.drawn(s, done.true_loops, ends=s == len(scans) - 1):
+                    _take_in(done, false, scan_keyframe, config.graph.robust.loops)
         progress("iSAM2", end / len(problem.t))
     done.backend.update()
     return done
@@ -91,7 +105,7 @@ def _match_scan(
     config: Config,
 ) -> None:
     """Register a new scan to the one before and to what it may revisit."""
-    settings = config.graph.loops
+    settings, robustness = config.graph.loops, config.graph.robust.loops
     if len(scans[new]) < config.sonar.scans.min_points:
         return
     t_scans = np.array([scan.t_ref for scan in scans[: new + 1]])
@@ -106,9 +120,23 @@ def _match_scan(
             prior = relative_pose(here, poses[new], done.backend.joint_planar_covariance(a, b))
         else:
             prior = done.backend.problem.planar_increment(a, b)
-        found = match_scans(old, new, scans, prior, config.pic, settings.gate_probability, is_loop)
-        done.matches.append(found)
-        if found.accepted:
-            q, cov = found.match.q, found.match.cov
-            factor = factors.planar_match(X(a), X(b), q, cov, settings.cauchy_k)
-            done.backend.add_factor(SensorFactor(SCAN_MATCH, factor))
+        found = match_scans(
+            old, new, scans, prior, config.pic, robustness.gate_probability, is_loop
+        )
+        _take_in(done, found, scan_keyframe, robustness)
+
+
+def _take_in(
+    done: OnlinePass, found: ScanMatch, scan_keyframe: IntArray, robustness: Robustness
+) -> None:
+    """Record a match; an accepted one becomes a factor."""
+    done.matches.append(found)
+    if found.accepted:
+        done.backend.add_factor(match_factor(found, scan_keyframe, robustness))
+
+
+def match_factor(found: ScanMatch, scan_keyframe: IntArray, robustness: Robustness) -> SensorFactor:
+    """A scan match as a factor between its keyframes."""
+    a, b = (X(int(scan_keyframe[s])) for s in (found.a, found.b))
+    factor = factors.planar_match(a, b, found.match.q, found.match.cov)
+    return SensorFactor(LOOP if found.is_loop else SCAN_MATCH, factor, robustness)

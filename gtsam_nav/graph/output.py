@@ -10,13 +10,15 @@ from gtsam_nav.frames import (
     Array,
     quaternion_from_rotation,
     rotation_from_rpy,
-    wrap_angle,
 )
+from gtsam_nav.graph import factors
 from gtsam_nav.graph.backend import Covariances
 from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.problem import Problem
-from gtsam_nav.graph.scan_matching import ScanMatch
+from gtsam_nav.graph.robust import Robustness
+from gtsam_nav.graph.scan_matching import LOOP, SCAN_MATCH, ScanMatch
 from gtsam_nav.graph.sensor_posterior import SensorPosterior, free_part
+from gtsam_nav.mission import Rejection
 from gtsam_nav.series import IntArray
 from gtsam_nav.solution import LandmarkEstimates, LoopClosure, PoseGraph, PoseGraphEdge, SlowStates
 from gtsam_nav.trajectory import Trajectory
@@ -104,14 +106,18 @@ def landmark_estimates(
 
 
 def loop_closures(
-    matches: list[ScanMatch], t_scans: Array, scan_keyframe: IntArray, values: Any, cauchy_k: float
+    matches: list[ScanMatch],
+    t_scans: Array,
+    scan_keyframe: IntArray,
+    values: Any,
+    robustness: Robustness,
 ) -> tuple[LoopClosure, ...]:
     """Every candidate with its verdict; accepted ones with their weight at given values."""
     closures = []
     for m in matches:
         if not m.is_loop:
             continue
-        weight = _weight(m, scan_keyframe, values, cauchy_k) if m.accepted else None
+        weight = _weight(m, scan_keyframe, values, robustness) if m.accepted else None
         # a registration that never ran has nothing to report
         tried = 1.0 if m.match.iterations else np.nan
         q, sigma = tried * m.match.q, tried * np.sqrt(np.diag(m.match.cov))
@@ -127,20 +133,32 @@ def loop_closures(
                 sigma_yaw=float(sigma[2]),
                 score=m.match.overlap,
                 verdict="accepted" if m.accepted else "rejected",
-                reason=m.reason,
+                reason=m.recorded_reason,
                 weight=weight,
             )
         )
     return tuple(closures)
 
 
-def _weight(m: ScanMatch, scan_keyframe: IntArray, values: Any, cauchy_k: float) -> float:
-    a, b = (values.atNavState(X(int(scan_keyframe[s]))) for s in (m.a, m.b))
-    p_ab = a.attitude().matrix().T @ (b.position() - a.position())
-    yaw = wrap_angle(b.attitude().yaw() - a.attitude().yaw())
-    e = m.match.q - np.array([p_ab[0], p_ab[1], yaw])
-    e[2] = wrap_angle(e[2])
-    return float(1.0 / (1.0 + e @ np.linalg.solve(m.match.cov, e) / cauchy_k**2))
+def match_rejections(matches: list[ScanMatch], t_scans: Array) -> tuple[Rejection, ...]:
+    """Registrations that succeeded and were not believed, at the new scan; ``index`` is its own."""
+    return tuple(
+        Rejection(
+            float(t_scans[m.b]),
+            LOOP if m.is_loop else SCAN_MATCH,
+            m.b,
+            m.recorded_reason,
+            m.normalised_residual,
+        )
+        for m in matches
+        if m.normalised_residual is not None
+    )
+
+
+def _weight(m: ScanMatch, scan_keyframe: IntArray, values: Any, robustness: Robustness) -> float:
+    a, b = (X(int(scan_keyframe[s])) for s in (m.a, m.b))
+    whitened = factors.planar_match(a, b, m.match.q, m.match.cov).whitenedError(values)
+    return factors.weight(robustness, float(np.linalg.norm(whitened)))
 
 
 def pose_graph(

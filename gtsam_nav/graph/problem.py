@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from gtsam_nav.frames import Array, Origin, rotation_from_rpy
 from gtsam_nav.graph import factors
+from gtsam_nav.graph.robust import GatedRobustness, Robustness
 from gtsam_nav.graph.scan_matching import PlanarPose
 from gtsam_nav.mission import Rejection
 from gtsam_nav.preprocess.alignment import Alignment
@@ -24,12 +26,21 @@ StateAt = Callable[[int], Any]
 """Gives the present value of a NavState variable."""
 
 
+NO_KERNEL = Robustness(kernel="none")
+
+
 @dataclass(frozen=True)
 class SensorFactor:
-    """A factor with the sensor it came from."""
+    """A factor with Gaussian noise, the sensor it came from, and its kernel."""
 
     sensor: str
-    factor: Any
+    gaussian: Any
+    robustness: Robustness = NO_KERNEL
+
+    @cached_property
+    def factor(self) -> Any:
+        """The factor under its kernel."""
+        return factors.robust(self.gaussian, self.robustness)
 
 
 @dataclass(frozen=True)
@@ -42,31 +53,23 @@ class Reading:
         As in `Rejection`.
     make : callable
         From the present states to a native factor with Gaussian noise.
-    gate_probability : float or None
-        An outlier lies beyond what a chi-square variable exceeds with one minus this probability;
-        None is never one.
+    robustness : GatedRobustness
+        When it is an outlier, and the kernel that it keeps in the final solution where it is none.
     reason : str
         What is said of an outlier.
-    huber_k, cauchy_k : float or None
-        Kernel it keeps in the final solution, Gaussian without either: Cauchy's for what has heavy
-        tails within its gate.
     """
 
     t: float
     sensor: str
     index: int
     make: Callable[[StateAt], Any]
-    gate_probability: float | None
+    robustness: GatedRobustness
     reason: str
-    huber_k: float | None = None
-    cauchy_k: float | None = None
 
     @property
-    def kernel(self) -> Any:
-        """Its m-estimator in the final solution; None for least squares."""
-        if self.huber_k is not None:
-            return factors.huber_kernel(self.huber_k)
-        return None if self.cauchy_k is None else factors.cauchy_kernel(self.cauchy_k)
+    def is_gated(self) -> bool:
+        """Whether it may be left out as an outlier."""
+        return self.robustness.gate_probability is not None
 
     def rejection(self, normalised_residual: float) -> Rejection:
         """The record of an outlier."""
@@ -181,9 +184,20 @@ class Problem:
         GTSAM's Cholesky, which compares pivots, finds the system indeterminate: then QR."""
         return self.uses_imu and not self.measures_velocity
 
-    def add(self, k: int, sensor: str, factor: Any) -> None:
-        """Let keyframe k bring one more factor."""
-        self.factors[k].append(SensorFactor(sensor, factor))
+    def add(self, k: int, sensor: str, factor: Any, robustness: Robustness = NO_KERNEL) -> None:
+        """Let keyframe k bring one more factor of Gaussian noise, to stand under a kernel."""
+        self.factors[k].append(SensorFactor(sensor, factor, robustness))
+
+    def add_gated(
+        self, k: int, sensor: str, index: int, factor: Any, robustness: GatedRobustness
+    ) -> None:
+        """The same, as a reading that may be left out where the kernel goes with a gate."""
+        if robustness.gate_probability is None:
+            self.add(k, sensor, factor, robustness)
+            return
+        t, reason = float(self.t[k]), f"{sensor} outlier"
+        reading = Reading(t, sensor, index, lambda _: factor, robustness, reason)
+        self.readings[k].append(reading)
 
     def add_variable(self, k: int, key: int, value: Any) -> None:
         """Let keyframe k bring one more state, of a given first value."""

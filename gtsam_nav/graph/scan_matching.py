@@ -14,6 +14,8 @@ from gtsam_nav.registration.settings import PicSettings
 from gtsam_nav.sensors.prediction import chi2_limit
 from gtsam_nav.sonar.scans import Scan
 
+SCAN_MATCH, LOOP = "sonar", "loops"
+"""What factors of consecutive scans' matches come from, and those of others."""
 PRIOR_FLOOR = np.array([0.3, 0.3, np.radians(2.0)])
 """A registration always looks at least this far (x, y, yaw) around its prior."""
 PRIOR_CAP = np.array([4.0, 4.0, np.radians(20.0)])
@@ -31,18 +33,37 @@ class PlanarPose:
 
 @dataclass(frozen=True)
 class ScanMatch:
-    """A registration of scan b to scan a, with its judgement; ``reason`` is empty if accepted."""
+    """A registration of scan b to scan a, with its judgement.
+
+    Attributes
+    ----------
+    reason : str
+        Why it is not used; empty if accepted.
+    is_loop : bool
+        Whether the scans do not follow each other.
+    normalised_residual : float or None
+        Of the judgement that rejected it, where there was one.
+    is_injected : bool
+        Whether it is a fault, made up rather than registered.
+    """
 
     a: int
     b: int
     match: PlanarMatch
     reason: str
     is_loop: bool
+    normalised_residual: float | None = None
+    is_injected: bool = False
 
     @property
     def accepted(self) -> bool:
         """Whether the match may enter the graph."""
         return not self.reason
+
+    @property
+    def recorded_reason(self) -> str:
+        """The reason, which says of a made-up match that it is one."""
+        return f"injected {self.reason}".strip() if self.is_injected else self.reason
 
 
 def loop_candidates(
@@ -80,7 +101,7 @@ def match_scans(
     scans: list[Scan],
     prior: PlanarPose,
     settings: PicSettings,
-    gate_probability: float,
+    gate_probability: float | None,
     is_loop: bool,
 ) -> ScanMatch:
     """Register scan b to scan a and judge the result against the prior.
@@ -89,31 +110,43 @@ def match_scans(
     ----------
     prior : PlanarPose
         Of b in a: ``ne`` are then forward and starboard of a.
-    gate_probability : float
-        Of the chi-square gate on prior and match together.
+    gate_probability : float or None
+        Of the chi-square gate on prior and match together, if any.
     """
     q_prior = np.array([*prior.ne, prior.yaw])
     sigma = np.sqrt(np.diag(prior.cov))
     wanted = np.clip(sigma, PRIOR_FLOOR, PRIOR_CAP)
     cov_prior = prior.cov * np.outer(wanted / sigma, wanted / sigma)
     match = register(scans[a], scans[b], q_prior, cov_prior, settings)
-    reason = match.failure
+    reason, residual = match.failure, None
     if match.ok:
         difference = match.q - q_prior
         difference[2] = wrap_angle(difference[2])
         d2 = float(difference @ np.linalg.solve(prior.cov + match.cov, difference))
-        if d2 > chi2_limit(gate_probability, 3):
-            reason = f"contradicts the estimate (chi2 {d2:.1f})"
-    return ScanMatch(a, b, match, reason, is_loop)
+        if gate_probability is not None and d2 > chi2_limit(gate_probability, 3):
+            reason, residual = f"contradicts the estimate (chi2 {d2:.1f})", float(np.sqrt(d2))
+    return ScanMatch(a, b, match, reason, is_loop, residual)
 
 
 def relative_pose(a: PlanarPose, b: PlanarPose, joint_cov: Array) -> PlanarPose:
     """Pose of b in a, with its covariance from the joint one of both, shape (6, 6)."""
-    c, s = np.cos(a.yaw), np.sin(a.yaw)
-    to_a = np.array([[c, s], [-s, c]])
-    ne = to_a @ (b.ne - a.ne)
-    J = np.zeros((3, 6))
-    J[:2, :2], J[:2, 3:5] = -to_a, to_a
-    J[0, 2], J[1, 2] = ne[1], -ne[0]
-    J[2, 2], J[2, 5] = -1.0, 1.0
-    return PlanarPose(ne, float(wrap_angle(b.yaw - a.yaw)), J @ joint_cov @ J.T)
+    q, by_a, by_b = between(np.array([*a.ne, a.yaw]), np.array([*b.ne, b.yaw]))
+    J = np.hstack([by_a, by_b])
+    return PlanarPose(q[:2], float(q[2]), J @ joint_cov @ J.T)
+
+
+def between(a: Array, b: Array) -> tuple[Array, Array, Array]:
+    """Planar pose of b in a, shape (3,), and its Jacobians in both; all are x, y and yaw."""
+    c, s = np.cos(a[2]), np.sin(a[2])
+    to_a = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    q = to_a @ (b - a)
+    by_a = -to_a
+    by_a[:2, 2] = q[1], -q[0]
+    q[2] = wrap_angle(q[2])
+    return q, by_a, to_a
+
+
+def compounded(a: Array, b: Array) -> Array:
+    """Planar pose b, given in a, in the frame that a is given in; x, y and yaw."""
+    c, s = np.cos(a[2]), np.sin(a[2])
+    return np.array([a[0] + c * b[0] - s * b[1], a[1] + s * b[0] + c * b[1], a[2] + b[2]])

@@ -182,6 +182,11 @@ def _tangent(key: int) -> tuple[int, slice]:
     return 9, {"m": slice(2, 3), "g": slice(3, 6), "l": slice(3, 6)}.get(kind, slice(0, 9))
 
 
+def tangent_width(key: int) -> int:
+    """Number of components of a variable's tangent."""
+    return _tangent(key)[0]
+
+
 def free_part(key: int) -> slice:
     """Which components of a variable's tangent are free."""
     return _tangent(key)[1]

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import Field
 
+from gtsam_nav.graph.robust import RobustSettings
 from gtsam_nav.settings import Settings
 
 
@@ -18,17 +21,20 @@ class LoopSettings(Settings):
         Nearer scans in time are not loops.
     max_candidates : int
         Nearest candidates registered a scan.
-    gate_probability : float
-        A match is rejected where it contradicts the estimate more than this probability allows.
-    cauchy_k : float
-        Scale of the Cauchy kernel on accepted loops.
+    consistency_probability : float or None
+        Closures enter the final solution as the largest set of which each pair, with what all other
+        sensors say, passes a chi-square test of this probability; None lets all enter.
+    arbiter : {"none", "gnc"}
+        What judges them last: graduated non-convexity leaves out those whose residuals stay beyond
+        ``arbiter_probability``.
     """
 
     radius_m: float = Field(default=15.0, gt=0)
     min_separation_s: float = Field(default=60.0, ge=0)
     max_candidates: int = Field(default=2, ge=1)
-    gate_probability: float = Field(default=0.999, gt=0, lt=1)
-    cauchy_k: float = Field(default=1.5, gt=0)
+    consistency_probability: float | None = Field(default=0.9999, gt=0, lt=1)
+    arbiter: Literal["none", "gnc"] = "none"
+    arbiter_probability: float = Field(default=0.999, gt=0, lt=1)
 
 
 class RefinementSettings(Settings):
@@ -81,18 +87,12 @@ class GraphSettings(Settings):
         then come from the AHRS.
     keyframes_per_update : int
         Keyframes handed to iSAM2 at once.
-    huber_k : float
-        Huber threshold of DVL, heading, attitude and depth residuals.
-    sighting_cauchy_k : float
-        Scale of the Cauchy kernel on sightings of landmarks, which beside false ones have many that
-        are merely bad.
     """
 
     keyframe_interval_s: float = Field(default=5.0, gt=0, le=5)
     anchor_spacing_s: float = Field(default=0.1, ge=0.05)
     imu_min_rate_hz: float = Field(default=50.0, gt=0)
     keyframes_per_update: int = Field(default=3, ge=1)
-    huber_k: float = Field(default=1.345, gt=0)
-    sighting_cauchy_k: float = Field(default=1.0, gt=0)
+    robust: RobustSettings = RobustSettings()
     loops: LoopSettings = LoopSettings()
     refinement: RefinementSettings = RefinementSettings()

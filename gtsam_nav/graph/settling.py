@@ -13,6 +13,7 @@ rejection and for re-admission.
 from __future__ import annotations
 
 import logging
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,15 +24,18 @@ from gtsam_nav.frames import Array
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.backend import Covariances, solve_batch
 from gtsam_nav.graph.factors import X
-from gtsam_nav.graph.problem import Problem, Reading
+from gtsam_nav.graph.problem import Problem, Reading, SensorFactor
+from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.mission import Rejection
 from gtsam_nav.sensors.prediction import chi2_limit
 from gtsam_nav.series import BoolArray
 
 log = logging.getLogger(__name__)
 
-CAUCHY_K = 2.385
-"""Of the robust start's last solve: 95 % as efficient as least squares where nothing is wrong."""
+START = Robustness(kernel="cauchy")
+"""Of gated readings in the robust start's last solve."""
+TRUSTED = ("velocity",)
+"""Least squares in the robust start: where the vehicle's motion may break, outliers break it."""
 NARROWING = 4.0
 """By which the kernel's scale shrinks from one solve of the robust start to the next."""
 MAX_ROUNDS = 12
@@ -65,21 +69,18 @@ class Settled:
     settled: bool
 
 
-def settle(problem: Problem, graph: Any, values: Any) -> Settled:
+def settle(problem: Problem, entries: Sequence[SensorFactor], values: Any) -> Settled:
     """Solve a problem's batch with its readings, leaving out what is an outlier.
 
     Parameters
     ----------
-    graph : gtsam.NonlinearFactorGraph
+    entries : sequence of SensorFactor
         Everything but the readings.
     values : gtsam.Values
         Start.
     """
-    batch = _Batch(problem, graph)
-    estimate = batch.robust_start(batch.at(values))
-    everything = np.ones(len(batch.readings), dtype=bool)
-    weight = batch.weights(estimate, everything, CAUCHY_K)
-    used = ~batch.gated | (batch.judged(estimate, weight, CAUCHY_K) <= batch.limit)
+    estimate, used = _Batch(problem, entries, TRUSTED).robust_start(values)
+    batch = _Batch(problem, entries)
     changed, rounds = True, 0
     while changed and rounds < MAX_ROUNDS:
         estimate = batch.solved(estimate, used)
@@ -116,45 +117,60 @@ class _Estimate:
 class _Batch:
     """A problem with all of its readings."""
 
-    def __init__(self, problem: Problem, graph: Any) -> None:
+    def __init__(
+        self, problem: Problem, entries: Sequence[SensorFactor], trusted: Collection[str] = ()
+    ) -> None:
         self.problem = problem
-        self.graph = graph
+        self.graph = gtsam.NonlinearFactorGraph()
+        for entry in entries:
+            self.graph.push_back(entry.gaussian if entry.sensor in trusted else entry.factor)
         self.readings = [reading for brought in problem.readings for reading in brought]
-        probability = [reading.gate_probability for reading in self.readings]
-        self.gated = np.array([p is not None for p in probability], dtype=bool)
-        self.limit = np.full(len(probability), np.inf)
+        self.gated = np.array([reading.is_gated for reading in self.readings], dtype=bool)
+        self.limit = np.full(len(self.readings), np.inf)
 
     def at(self, values: Any) -> _Estimate:
         """The readings made anew at given values."""
         made = [reading.make(values.atNavState) for reading in self.readings]
         return _Estimate(values, made)
 
-    def factors(self, estimate: _Estimate, used: BoolArray, cauchy_k: float | None = None) -> Any:
-        """Factors of used readings under their own kernels, or the gated ones under Cauchy's."""
+    def factors(self, estimate: _Estimate, used: BoolArray, gated: Robustness | None = None) -> Any:
+        """Factors of used readings under their own kernels, or the gated ones under another."""
         graph = gtsam.NonlinearFactorGraph()
         for i in np.flatnonzero(used).tolist():
-            kernel = self.readings[i].kernel
-            if self.gated[i] and cauchy_k is not None:
-                kernel = factors.cauchy_kernel(cauchy_k)
-            factor = estimate.made[i]
-            graph.push_back(factor if kernel is None else factors.robust(factor, kernel))
+            graph.push_back(factors.robust(estimate.made[i], self._robustness(i, gated)))
         return graph
 
-    def weights(self, estimate: _Estimate, used: BoolArray, cauchy_k: float | None = None) -> Array:
-        """Weight of each gated reading in a solution: zero for what is not used."""
-        own = [reading.cauchy_k or np.inf for reading in self.readings]
-        k = np.array(own) if cauchy_k is None else np.full(len(own), cauchy_k)
-        return np.asarray(used / (1.0 + estimate.squared / k**2))
+    def weights(
+        self, estimate: _Estimate, used: BoolArray, gated: Robustness | None = None
+    ) -> Array:
+        """Weight of each reading in such a solution: zero for what is not used."""
+        norms = np.sqrt(estimate.squared).tolist()
+        weights = [factors.weight(self._robustness(i, gated), e) for i, e in enumerate(norms)]
+        return np.asarray(used * np.array(weights))
 
-    def robust_start(self, estimate: _Estimate) -> _Estimate:
-        """Solve under a Cauchy kernel that narrows from a width that lets every reading in."""
+    def _robustness(self, i: int, gated: Robustness | None) -> Robustness:
+        return gated if gated is not None and self.gated[i] else self.readings[i].robustness
+
+    def robust_start(self, values: Any) -> tuple[_Estimate, BoolArray]:
+        """Solve under a Cauchy kernel that narrows from a width that lets every reading in.
+
+        Returns
+        -------
+        estimate : _Estimate
+        used : ndarray of bool
+            Which readings pass their gates there.
+        """
+        estimate = self.at(values)
         everything = np.ones(len(self.readings), dtype=bool)
-        scale = float(np.sqrt(np.max(estimate.squared[self.gated], initial=1.0))) / CAUCHY_K
+        scale = float(np.sqrt(np.max(estimate.squared[self.gated], initial=0.0)))
         while True:
-            scale = max(1.0, scale / NARROWING)
-            estimate = self._solved_once(estimate, everything, CAUCHY_K * scale)
-            if scale == 1.0:
-                return estimate
+            scale = max(START.scale, scale / NARROWING)
+            kernel = START.model_copy(update={"threshold": scale})
+            estimate = self._solved_once(estimate, everything, kernel)
+            if scale == START.scale:
+                break
+        weight = self.weights(estimate, everything, START)
+        return estimate, ~self.gated | (self.judged(estimate, weight, START) <= self.limit)
 
     def solved(self, estimate: _Estimate, used: BoolArray) -> _Estimate:
         """Solve with Gaussian readings, made anew until that moves nothing any more."""
@@ -167,32 +183,32 @@ class _Batch:
         return estimate
 
     def _solved_once(
-        self, estimate: _Estimate, used: BoolArray, cauchy_k: float | None = None
+        self, estimate: _Estimate, used: BoolArray, gated: Robustness | None = None
     ) -> _Estimate:
         for k in range(1, len(self.problem.t)):
             self.problem.set_gravity(k, estimate.values.atNavState(X(k - 1)))
         whole = gtsam.NonlinearFactorGraph(self.graph)
-        whole.push_back(self.factors(estimate, used, cauchy_k))
+        whole.push_back(self.factors(estimate, used, gated))
         return self.at(solve_batch(whole, estimate.values, self.problem.is_stiff))
 
     def _positions(self, values: Any) -> Array:
         return np.array([values.atNavState(X(k)).position() for k in range(len(self.problem.t))])
 
-    def judged(self, estimate: _Estimate, weight: Array, cauchy_k: float | None = None) -> Array:
+    def judged(self, estimate: _Estimate, weight: Array, gated: Robustness | None = None) -> Array:
         """Squared normalised residual of each gated reading by all others; fills in the limits.
 
         Where the residual alone decides, the prediction's covariance is not computed: it can only
         raise that of a reading in use, and lower that of another.
         """
         whole = gtsam.NonlinearFactorGraph(self.graph)
-        whole.push_back(self.factors(estimate, weight > 0, cauchy_k))
+        whole.push_back(self.factors(estimate, weight > 0, gated))
         covariances = Covariances(whole, estimate.values, self.problem.is_stiff)
         squared = np.zeros(len(self.readings))
         for i in np.flatnonzero(self.gated).tolist():
             linear = estimate.made[i].linearize(estimate.values)
             A, b = linear.jacobian()
             rows = np.any(A != 0.0, axis=1)
-            probability = self.readings[i].gate_probability
+            probability = self.readings[i].robustness.gate_probability
             assert probability is not None
             squared[i] = float(b @ b)
             self.limit[i] = chi2_limit(probability, int(np.sum(rows)))

@@ -33,10 +33,9 @@ class GnssSettings(Settings):
         Use GNSS height although the mission has a depth sensor.
     use_velocity : bool
         Use the receiver's velocities where it gives them.
-    huber_k : float
-        Huber threshold on the whitened residual.
     reject_outliers : bool
-        Leave out fixes that fail the tests below.
+        Whether `ins-ekf` leaves out fixes that fail the tests below; `graph` has its own settings
+        for that, ``graph.robust.gnss`` and ``graph.robust.gnss_velocity``.
     position_gate_probability, velocity_gate_probability : float
         A fix's position (or velocity) is an outlier where a chi-square variable would stay below
         its normalised residual with this probability.
@@ -48,7 +47,6 @@ class GnssSettings(Settings):
     gaps_s: tuple[tuple[float, float], ...] = ()
     use_height: bool = False
     use_velocity: bool = True
-    huber_k: float = Field(default=1.345, gt=0)
     reject_outliers: bool = True
     position_gate_probability: float = Field(default=0.999, gt=0, lt=1)
     velocity_gate_probability: float = Field(default=0.999, gt=0, lt=1)

@@ -72,6 +72,8 @@ def _parsed(spec: str) -> Fault:
         if kind != "false":
             raise ValueError(f"loops have no '{kind}'")
         fault = FalseLoops(_share(value), _take(options, "group", _count, 1))
+        if fault.share == 1.0:
+            raise ValueError("false loops come among true ones: their share must be below 1")
     elif kind in _SENSOR_FAULTS:
         fault = _SENSOR_FAULTS[kind](target, value, options)
     else:

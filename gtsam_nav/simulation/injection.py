@@ -47,14 +47,16 @@ def inject(mission: Mission, faults: Iterable[Fault | str], seed: int = 0) -> Mi
     """
     for item in faults:
         fault = parse_fault(item) if isinstance(item, str) else item
-        if isinstance(fault, FalseLoops):
-            raise ConfigError(f"'{fault}': no method takes false loop closures yet")
-        targets = _targets(mission, fault)
+        # false closures are drawn by the method that closes loops
+        targets = [] if isinstance(fault, FalseLoops) else _targets(mission, fault)
         for k, sensor in enumerate(targets):
+            assert isinstance(fault, SensorFault)
             rng = np.random.default_rng([seed, zlib.crc32(str(fault).encode()), k])
             spoilt = replace(sensor, series=fault.altered(sensor.series, rng))
             mission = mission.with_sensor(spoilt)
-        if all(_same(sensor.series, mission.sensors[sensor.name].series) for sensor in targets):
+        if targets and all(
+            _same(sensor.series, mission.sensors[sensor.name].series) for sensor in targets
+        ):
             warning = f"the fault {fault} touches no sample"
             mission = replace(mission, warnings=(*mission.warnings, warning))
         logger.info("injected %s, seed %d", fault, seed)

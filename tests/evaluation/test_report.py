@@ -7,6 +7,7 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
 import solutions
 
@@ -17,6 +18,7 @@ from gtsam_nav.evaluation.html import Html, element, table
 from gtsam_nav.evaluation.report import write_report
 from gtsam_nav.evaluation.settings import EvaluationSettings
 from gtsam_nav.mission import Rejection
+from gtsam_nav.solution import RobustWeights
 from gtsam_nav.writers.run_folder import write_run
 
 WINDOWED = Config(evaluation=EvaluationSettings(window_s=(0.0, 500.0)))
@@ -194,3 +196,16 @@ def test_landmarks_are_told_beside_the_plan(tmp_path: Path) -> None:
     assert (
         "dr: 3 landmarks; horizontal sigma along the longest axis 0.67 m (median), 1.00 m" in text
     )
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_robust_weights_are_told_by_sensor(tmp_path: Path) -> None:
+    residual, weight = np.array([0.5, 1.0, 4.0, 30.0]), np.array([1.0, 0.9, 0.3, 0.0])
+    own = RobustWeights("cauchy", np.arange(4.0), residual, weight)
+    weighed = replace(solutions.dr_solution(), robust_weights={"sounder": own})
+    text = Page(write_report([weighed], tmp_path).read_text()).text
+    assert "Robust weights at the solution" in text
+    # measurements, left out, below one half, mean weight, median residual
+    assert "dr sounder cauchy 4 25.0 50.0 0.55 2.50" in text
+    without = Page(write_report([solutions.dr_solution()], tmp_path).read_text()).text
+    assert "Robust weights" not in without

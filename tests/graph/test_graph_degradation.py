@@ -184,7 +184,7 @@ def test_every_candidate_loop_has_a_verdict(mission: Mission) -> None:
 
 
 def test_impossible_gate_rejects_every_loop_with_its_reason(mission: Mission) -> None:
-    solution = estimated(mission, *SOON, "graph.loops.gate_probability=1e-9")
+    solution = estimated(mission, *SOON, "graph.robust.loops.gate_probability=1e-9")
     assert_sound(solution)
     assert solution.loops
     assert {loop.verdict for loop in solution.loops} == {"rejected"}

@@ -10,7 +10,7 @@ import pytest
 
 from gtsam_nav.config import Config
 from gtsam_nav.frames import Array
-from gtsam_nav.graph.backend import Backend, planar_rows
+from gtsam_nav.graph.backend import Backend, graph_of, planar_rows
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.keyframes import keyframe_times
 from gtsam_nav.graph.measurements import build_problem
@@ -55,8 +55,8 @@ def make_case(uses_imu: bool, sigma: tuple[float, float]) -> Case:
     for k in range(len(t)):
         backend.add_keyframe(k)
     backend.update()
-    graph = backend.graph()
-    settled = settle(problem, graph, backend.values())
+    graph = graph_of(backend.entries)
+    settled = settle(problem, backend.entries, backend.values())
     graph.push_back(settled.factors)
     posterior = sensor_posterior(graph, settled.values, KNOTS, problem)
     return Case(problem, graph, settled.values, posterior)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +14,9 @@ import gtsam_nav as gn
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.settling import _by_all_others
 from gtsam_nav.mission import Mission
+from gtsam_nav.preprocess.gnss_policy import split_fixes
 from gtsam_nav.series import BoolArray, GnssSeries
+from gtsam_nav.simulation import inject
 from gtsam_nav.solution import Solution
 
 
@@ -50,6 +53,9 @@ def displaced(mission: Mission, hit: BoolArray, seed: int) -> Mission:
             jump = length_m * np.array([np.cos(bearing), np.sin(bearing)])
         p_n[k, :2] += jump
     return mission.with_sensor(replace(gnss, series=replace(gnss.series, p_n=p_n)))
+
+
+UNGATED = ("graph.robust.gnss.gate_probability=null", "graph.robust.gnss.kernel=huber")
 
 
 def position_outliers(solution: Solution) -> list[int]:
@@ -101,7 +107,7 @@ def test_without_rejection_they_stay_under_a_kernel(laps: Mission) -> None:
     hit = np.arange(90) % 5 == 2
     faulty = displaced(laps, hit, seed=2)
     with_it = gn.estimate(faulty, "graph")
-    without = gn.estimate(faulty, "graph", gn.load_config(None, ["gnss.reject_outliers=false"]))
+    without = gn.estimate(faulty, "graph", gn.load_config(None, UNGATED))
     assert position_outliers(without) == []
     assert rms_m(without) > rms_m(with_it)
 
@@ -116,3 +122,75 @@ def test_a_velocity_can_be_an_outlier_where_its_position_is_none(laps: Mission) 
     solution = gn.estimate(faulty, "graph")
     reasons = {r.reason for r in solution.rejections if r.index == 50}
     assert reasons == {"velocity outlier"}
+
+
+@pytest.mark.parametrize("share", [0.3, 0.5])
+def test_as_many_outliers_as_good_fixes_do_not_break_the_motion(
+    marina: Mission, share: float
+) -> None:
+    """One fix in five seconds: no two good ones follow each other for long."""
+    sparse = ("gnss.use=every_k", "gnss.every_k=5")
+    config = gn.load_config(None, sparse)
+    fault = f"gnss:outliers={share},size=20:100"
+    clean, faulty = (gn.estimate(marina, "graph", config, faults=f) for f in ((), (fault,)))
+    n = clean.gnss_used + len(position_outliers(clean))
+    assert len(position_outliers(faulty)) == pytest.approx(share * n, abs=2)
+    assert rms_m(faulty) <= 1.5 * rms_m(clean)
+    believing = gn.load_config(None, [*sparse, "graph.robust.gnss.gate_probability=null"])
+    assert rms_m(gn.estimate(marina, "graph", believing, faults=(fault,))) > 5 * rms_m(clean)
+
+
+def test_any_sensor_can_have_a_gate(marina: Mission) -> None:
+    """Spikes of a depth sensor and of a compass, at keyframes that no neighbour shares."""
+    depth, heading = marina.sensors["depth"], marina.sensors["heading"]
+    spoilt_depth = depth.series.depth_m.copy()  # type: ignore[attr-defined]
+    spoilt_depth[np.abs(depth.series.t - 60.0) < 1.0] += 5.0
+    wild = heading.series.heading.copy()  # type: ignore[attr-defined]
+    wild[np.abs(heading.series.t - 80.0) < 5.0] += 0.8
+    faulty = marina.with_sensor(
+        replace(depth, series=replace(depth.series, depth_m=spoilt_depth))
+    ).with_sensor(replace(heading, series=replace(heading.series, heading=wild)))
+    gates = [
+        f"graph.robust.{kind}.{key}"
+        for kind in ("depth", "heading")
+        for key in ("gate_probability=0.9999", "kernel=none")
+    ]
+    solution = gn.estimate(faulty, "graph", gn.load_config(None, gates))
+    found = {r.sensor: r for r in solution.rejections if r.reason == f"{r.sensor} outlier"}
+    assert {"depth", "heading"} <= set(found)
+    assert found["depth"].t == pytest.approx(60.0, abs=3.0)
+    assert found["heading"].t == pytest.approx(80.0, abs=6.0)
+    assert found["depth"].normalised_residual is not None
+    assert found["depth"].normalised_residual > 10
+    down = solution.trajectory.p_n[:, 2]
+    assert np.max(np.abs(np.diff(down))) < 0.5
+
+
+@pytest.mark.slow
+@pytest.mark.realdata
+def test_st_pere_keeps_its_accuracy_among_outliers(stpere_folder: Path) -> None:
+    """One fix in 30 s, without the sonar: the outliers are found, which least squares suffer."""
+    mission = gn.open_mission(stpere_folder)
+    overrides = ["gnss.use=every_k", "gnss.every_k=30", "sonar.use=false"]
+    config = gn.load_config(None, overrides)
+    least_squares = gn.load_config(None, [*overrides, "graph.robust.gnss.gate_probability=null"])
+    fault = "gnss:outliers=0.5,size=20:100"
+    blind, _, _ = split_fixes(mission, config.gnss)
+    before, after = (m.sensors["gnss"].series for m in (blind, inject(blind, [fault])))
+    assert isinstance(before, GnssSeries)
+    assert isinstance(after, GnssSeries)
+    hit = before.row[np.any(before.p_n != after.p_n, axis=1)].tolist()
+
+    def run(settings: gn.Config, *faults: str) -> tuple[float, set[int]]:
+        solution = gn.estimate(mission, "graph", settings, faults=faults)
+        errors = gn.evaluate(solution, window_s=(0.0, 3020.0)).ate.none
+        assert errors is not None
+        return errors.mean, set(position_outliers(solution))
+
+    clean_m, _ = run(config)
+    error_m, found = run(config, fault)
+    assert set(hit) <= found
+    assert len(found) <= len(hit) + 3
+    # half of the fixes tell less than all of them, whoever leaves the others out
+    assert error_m < 1.0
+    assert run(least_squares, fault)[0] > 5 * clean_m

@@ -141,7 +141,7 @@ def test_fixes_make_a_horizontal_reference_at_their_antenna() -> None:
         {"window_s": (10.0, 0.0)},
         {"gaps_s": ((0.0, 1.0), (3.0, 2.0))},
         {"use": "gaps"},
-        {"huber_k": 0.0},
+        {"position_gate_probability": 1.0},
     ],
 )
 def test_settings_are_checked(bad: dict[str, object]) -> None:

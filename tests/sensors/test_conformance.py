@@ -26,8 +26,6 @@ from gtsam_nav.sensors import depth, dvl, gnss, landmarks, motion_constraints, o
 from gtsam_nav.sensors.prediction import BodyState, Prediction
 from gtsam_nav.series import LandmarkSeries
 
-NO_KERNEL = 1e9
-"""Huber threshold that no residual reaches."""
 NO_SIGHTINGS = LandmarkSeries(
     t=np.empty(0),
     id=np.empty(0),
@@ -52,7 +50,7 @@ class Case:
 def dvl_velocity(state: BodyState, rng: np.random.Generator, spread: float) -> Case:
     sigma = rng.uniform(0.01, 0.2)
     v_b = state.R_nb.T @ state.v_n + spread * rng.normal(size=3)
-    factor = factors.velocity(X(0), v_b, sigma, NO_KERNEL)
+    factor = factors.velocity(X(0), v_b, sigma)
     return Case(lambda s: dvl.predict(s, v_b, sigma), factor, slice(6, 9))
 
 
@@ -79,7 +77,7 @@ def gnss_with_shared_error(state: BodyState, rng: np.random.Generator, spread: f
 def depth_reading(state: BodyState, rng: np.random.Generator, spread: float) -> Case:
     sigma, lever_b = rng.uniform(0.01, 0.5), rng.normal(size=3)
     depth_m = state.p_n[2] + spread * rng.normal()
-    factor = factors.depth(X(0), depth_m, lever_b, sigma, NO_KERNEL)
+    factor = factors.depth(X(0), depth_m, lever_b, sigma)
     return Case(lambda s: depth.predict(s, depth_m, lever_b, sigma), factor, slice(2, 3))
 
 
@@ -89,7 +87,7 @@ def ahrs_orientation(state: BodyState, rng: np.random.Generator, spread: float) 
     error = Rotation.from_rotvec(0.3 * spread * rng.normal(size=3)).as_matrix()
     R_measured = R_bias.T @ state.R_nb @ error
     compass = factors.nav_state(R_bias, np.zeros(3), np.zeros(3))
-    factor = factors.orientation(M(0), X(0), R_measured, sigma_rpy, NO_KERNEL)
+    factor = factors.orientation(M(0), X(0), R_measured, sigma_rpy)
     return Case(
         lambda s: orientation.predict(s, R_measured, bias, sigma_rpy),
         factor,
@@ -166,13 +164,13 @@ def spatial_sighting(state: BodyState, rng: np.random.Generator, spread: float) 
 
 def standing_still(_state: BodyState, rng: np.random.Generator, _spread: float) -> Case:
     sigma = rng.uniform(0.01, 0.2)
-    factor = factors.velocity(X(0), np.zeros(3), sigma, NO_KERNEL)
+    factor = factors.velocity(X(0), np.zeros(3), sigma)
     return Case(lambda s: motion_constraints.zero_velocity(s, sigma), factor, slice(6, 9))
 
 
 def on_wheels(_state: BodyState, rng: np.random.Generator, _spread: float) -> Case:
     sigma = rng.uniform(0.01, 0.2)
-    factor = factors.nonholonomic(X(0), sigma, NO_KERNEL)
+    factor = factors.nonholonomic(X(0), sigma)
     return Case(lambda s: motion_constraints.nonholonomic(s, sigma), factor, slice(7, 9))
 
 

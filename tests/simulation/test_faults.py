@@ -38,7 +38,7 @@ any_fault = st.one_of(
     st.builds(Silence, targets, spans),
     st.builds(HeadingBias, targets, numbers, st.none() | spans),
     st.builds(ClockOffset, targets, numbers),
-    st.builds(FalseLoops, shares, counts),
+    st.builds(FalseLoops, st.floats(0.0, 1.0, exclude_max=True), counts),
 )
 
 
@@ -124,6 +124,7 @@ def test_what_a_fault_is_called_reads_back_as_the_fault(fault: Fault) -> None:
         ("heading:bias=inf", "'inf' is not a number"),
         ("clock:gnss=late", "'late' is not a number"),
         ("loops:true=0.5", "loops have no 'true'"),
+        ("loops:false=1", "false loops come among true ones: their share must be below 1"),
     ],
 )
 def test_wrong_specifications_are_named_with_the_choices(spec: str, trouble: str) -> None:
@@ -281,7 +282,6 @@ def test_two_of_a_type_fail_independently_unless_one_is_named() -> None:
         ("reference:drop=0.5", "no sensor 'reference'"),
         ("dvl:outliers=0.5", "outliers are of gnss; 'dvl' is dvl"),
         ("gnss:bias=3", "a bias is of heading; 'gnss' is gnss"),
-        ("loops:false=0.5", "no method takes false loop closures yet"),
     ],
 )
 def test_faults_that_the_mission_cannot_have_are_named(
@@ -289,6 +289,14 @@ def test_faults_that_the_mission_cannot_have_are_named(
 ) -> None:
     with pytest.raises(ConfigError, match=trouble):
         inject(mission, [spec])
+
+
+def test_false_loops_are_for_the_graph_to_draw(mission: Mission) -> None:
+    spoilt = inject(mission, ["loops:false=0.5"])
+    assert spoilt.faults == ("loops:false=0.5,group=1",)
+    assert spoilt.sensors == mission.sensors
+    with pytest.raises(ConfigError, match="only graph takes false loop closures, not dr"):
+        gn.estimate(mission, "dr", faults=["loops:false=0.5"])
 
 
 def test_an_estimate_is_scored_on_clean_fixes_and_sees_the_spoilt_ones(mission: Mission) -> None:

@@ -40,9 +40,9 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
     if not problem.uses_imu:
         return
     if rolls(mission, config):
-        sigma = config.motion.nonholonomic_sigma_m_s
+        sigma, robustness = config.motion.nonholonomic_sigma_m_s, config.graph.robust.constraints
         for k in range(len(problem.t)):
-            problem.add(k, NAME, factors.nonholonomic(X(k), sigma, config.graph.huber_k))
+            problem.add(k, NAME, factors.nonholonomic(X(k), sigma), robustness)
     _add_rests(problem, mission, config)
 
 
@@ -69,8 +69,8 @@ def _add_rest(problem: Problem, spells: Spells, imu: Sensor, config: Config) -> 
     sigma = config.motion.zero_velocity_sigma_m_s
     still = _within(problem.t, spells)
     for k in np.flatnonzero(still).tolist():
-        factor = factors.velocity(X(k), np.zeros(3), sigma, config.graph.huber_k)
-        problem.add(k, NAME, factor)
+        factor = factors.velocity(X(k), np.zeros(3), sigma)
+        problem.add(k, NAME, factor, config.graph.robust.constraints)
         if k and still[k - 1]:
             span_s = float(problem.t[k] - problem.t[k - 1])
             turn = noise.gyro_noise_density_rad_s_sqrt_hz * np.sqrt(span_s)
@@ -98,7 +98,7 @@ def _add_steadiness(problem: Problem, rest: Rest) -> None:
 def _add_plane(problem: Problem, config: Config) -> None:
     """Upright, at the depth of the start."""
     for k, depth_m in enumerate(problem.p_n[:, 2].tolist()):
-        upright = factors.tilt(X(k), np.zeros(3), PIN_RAD, config.graph.huber_k)
-        level = factors.depth(X(k), depth_m, np.zeros(3), PIN_M, config.graph.huber_k)
-        problem.add(k, NAME, upright)
-        problem.add(k, NAME, level)
+        upright = factors.tilt(X(k), np.zeros(3), PIN_RAD)
+        level = factors.depth(X(k), depth_m, np.zeros(3), PIN_M)
+        for pin in (upright, level):
+            problem.add(k, NAME, pin, config.graph.robust.constraints)

@@ -22,5 +22,6 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
     for k, t in enumerate(problem.t):
         depth_m = float(np.interp(t, series.t, series.depth_m))
         sigma = float(np.interp(t, series.t, series.sigma))
-        factor = factors.depth(X(k), depth_m, sensor.xyz_b, sigma, config.graph.huber_k)
-        problem.add(k, sensor.name, factor)
+        factor = factors.depth(X(k), depth_m, sensor.xyz_b, sigma)
+        row = series.row_nearest(t)
+        problem.add_gated(k, sensor.name, row, factor, config.graph.robust.depth)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, TypedDict
+from typing import Any
 
 import gtsam
 import numpy as np
@@ -13,8 +13,8 @@ from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import G, X
 from gtsam_nav.graph.gauss_markov import gauss_markov
 from gtsam_nav.graph.problem import RECEIVER_STRIDE, Problem, Reading, StateAt
+from gtsam_nav.graph.robust import GatedRobustness
 from gtsam_nav.mission import Mission, Sensor
-from gtsam_nav.preprocess.gnss_policy import GnssSettings
 from gtsam_nav.sensors.noise import GnssNoise
 from gtsam_nav.sensors.rates import angular_rate_b
 from gtsam_nav.series import GnssSeries, IntArray
@@ -22,11 +22,6 @@ from gtsam_nav.series import GnssSeries, IntArray
 POSITION_OUTLIER, VELOCITY_OUTLIER = "position outlier", "velocity outlier"
 CARRIED_ACCELERATION_M_S2 = 0.3
 """What the motion's acceleration may be wrong by, that carries a velocity to a keyframe."""
-
-
-class _Treatment(TypedDict):
-    gate_probability: float | None
-    huber_k: float | None
 
 
 def add(problem: Problem, mission: Mission, config: Config) -> None:
@@ -37,9 +32,9 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
     """
     level = mission.first("depth") is not None and not config.gnss.use_height
     for number, receiver in enumerate(mission.of_type("gnss")):
-        _add_positions(problem, receiver, number, level, config.gnss)
+        _add_positions(problem, receiver, number, level, config.graph.robust.gnss)
         if config.gnss.use_velocity:
-            _add_velocities(problem, mission, receiver, level, config.gnss)
+            _add_velocities(problem, mission, receiver, level, config.graph.robust.gnss_velocity)
 
 
 def _within(problem: Problem, gnss: Sensor, lag_s: float = 0.0) -> GnssSeries:
@@ -51,7 +46,7 @@ def _within(problem: Problem, gnss: Sensor, lag_s: float = 0.0) -> GnssSeries:
 
 
 def _add_positions(
-    problem: Problem, gnss: Sensor, number: int, level: bool, settings: GnssSettings
+    problem: Problem, gnss: Sensor, number: int, level: bool, robustness: GatedRobustness
 ) -> None:
     """Antenna positions; an error that fixes share is a state of its own.
 
@@ -82,17 +77,10 @@ def _add_positions(
                 sensor=gnss.name,
                 index=int(series.row[i]),
                 make=make,
+                robustness=robustness,
                 reason=POSITION_OUTLIER,
-                **_treatment(settings, settings.position_gate_probability),
             )
         )
-
-
-def _treatment(settings: GnssSettings, gate_probability: float) -> _Treatment:
-    """Least squares on what passes its gate; without a gate, Huber on all."""
-    if settings.reject_outliers:
-        return {"gate_probability": gate_probability, "huber_k": None}
-    return {"gate_probability": None, "huber_k": settings.huber_k}
 
 
 def _carried(problem: Problem, gnss: Sensor, series: GnssSeries, keyframe: IntArray) -> Array:
@@ -130,7 +118,7 @@ def _add_shared_error(
 
 
 def _add_velocities(
-    problem: Problem, mission: Mission, gnss: Sensor, level: bool, settings: GnssSettings
+    problem: Problem, mission: Mission, gnss: Sensor, level: bool, robustness: GatedRobustness
 ) -> None:
     """Antenna velocities, which belong to a time before their fix."""
     noise = GnssNoise.model_validate(gnss.noise)
@@ -163,7 +151,7 @@ def _add_velocities(
                 sensor=gnss.name,
                 index=int(series.row[i]),
                 make=make,
+                robustness=robustness,
                 reason=VELOCITY_OUTLIER,
-                **_treatment(settings, settings.velocity_gate_probability),
             )
         )

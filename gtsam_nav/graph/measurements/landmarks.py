@@ -136,9 +136,8 @@ def _add_sightings(problem: Problem, mission: Mission, sensor: Sensor, config: C
                 sensor=sensor.name,
                 index=row,
                 make=seen.make,
-                gate_probability=config.landmarks.gate_probability,
+                robustness=config.graph.robust.landmarks,
                 reason="sighting outlier",
-                cauchy_k=config.graph.sighting_cauchy_k,
             )
         )
 

@@ -61,15 +61,15 @@ def _add_compass(problem: Problem, mission: Mission) -> None:
 
 def _add_orientations(problem: Problem, mission: Mission, config: Config) -> None:
     """Heading, roll and pitch of an AHRS as one orientation."""
-    yaw, sigma_yaw, _ = _averaged_headings(problem, mission)
+    yaw, sigma_yaw, row = _averaged_headings(problem, mission)
     R_measured = rotation_from_rpy(np.column_stack([problem.rpy[:, :2], yaw]))
     _, sigma_tilt = tilt_at(mission, problem.t)
     for k in range(len(problem.t)):
         if np.isfinite(sigma_yaw[k]):
             sigmas = np.array([sigma_tilt[k], sigma_tilt[k], sigma_yaw[k]])
             compass = problem.compass[k] if problem.compass else None
-            factor = factors.orientation(compass, X(k), R_measured[k], sigmas, config.graph.huber_k)
-            problem.add(k, "heading", factor)
+            factor = factors.orientation(compass, X(k), R_measured[k], sigmas)
+            problem.add_gated(k, "heading", int(row[k]), factor, config.graph.robust.heading)
         else:
             _add_tilt(problem, mission, k, config)
             add_unmeasured_turn(problem, k)
@@ -90,9 +90,8 @@ def _add_headings(problem: Problem, mission: Mission, config: Config) -> None:
             sensor="heading",
             index=int(row[k]),
             make=make,
-            gate_probability=None,
-            reason="",
-            huber_k=config.graph.huber_k,
+            robustness=config.graph.robust.heading,
+            reason="heading outlier",
         )
         problem.readings[k].append(reading)
 
@@ -131,4 +130,10 @@ def _add_tilt(problem: Problem, mission: Mission, k: int, config: Config) -> Non
     """Roll and pitch of a keyframe without a heading."""
     tilt, sigma = tilt_at(mission, problem.t[k : k + 1])
     rpy = np.array([*tilt[0], 0.0])
-    problem.add(k, "attitude", factors.tilt(X(k), rpy, float(sigma[0]), config.graph.huber_k))
+    factor = factors.tilt(X(k), rpy, float(sigma[0]))
+    sensor, robustness = mission.first("attitude"), config.graph.robust.attitude
+    if sensor is None:
+        problem.add(k, "attitude", factor, robustness)
+    else:
+        row = sensor.series.row_nearest(problem.t[k])
+        problem.add_gated(k, "attitude", row, factor, robustness)

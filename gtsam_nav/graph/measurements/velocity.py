@@ -48,16 +48,14 @@ def _add_increments(problem: Problem, config: Config, yaw_by_motion: bool) -> No
         rotation = np.zeros(3)
         if yaw_by_motion:
             rotation[2] = 1.0 / (motion.yaw_variance_rad2_s * dt)
-        factor = factors.increment(
-            X(k - 1), X(k), R_ab, p_a, rotation, sigma_p, config.graph.huber_k
-        )
-        problem.add(k, "velocity", factor)
-        problem.displacements.append(Displacement(k, R_ab, p_a, factor))
+        factor = factors.increment(X(k - 1), X(k), R_ab, p_a, rotation, sigma_p)
+        problem.add(k, "velocity", factor, config.graph.robust.velocity)
+        problem.displacements.append(Displacement(k, R_ab, p_a, problem.factors[k][-1].factor))
 
 
 def add_velocity(problem: Problem, k: int, config: Config) -> None:
     """The motion's own smoothed velocity at a keyframe."""
     motion = problem.motion
     sigma = float(np.interp(problem.t[k], motion.t, motion.sigma_v))
-    factor = factors.velocity(X(k), problem.v_b[k], sigma, config.graph.huber_k)
-    problem.add(k, "velocity", factor)
+    factor = factors.velocity(X(k), problem.v_b[k], sigma)
+    problem.add(k, "velocity", factor, config.graph.robust.velocity)

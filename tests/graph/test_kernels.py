@@ -1,0 +1,91 @@
+"""Kernels by name: each is GTSAM's, with the weight that its paper gives it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import get_args
+
+import gtsam
+import numpy as np
+import pytest
+from pydantic import ValidationError
+from scipy.integrate import quad
+from scipy.stats import norm
+
+import gtsam_nav as gn
+from gtsam_nav.graph import factors
+from gtsam_nav.graph.factors import X
+from gtsam_nav.graph.robust import THRESHOLDS, KernelName, Robustness
+
+# weight of a residual e in units of the threshold
+PAPERS: dict[KernelName, Callable[[float], float]] = {
+    "none": lambda _: 1.0,
+    "huber": lambda e: 1.0 if e <= 1 else 1 / e,
+    "cauchy": lambda e: 1 / (1 + e**2),
+    "geman_mcclure": lambda e: 1 / (1 + e**2) ** 2,
+    # Agarwal et al. 2013
+    "dcs": lambda e: min(1.0, 2 / (1 + e**2)) ** 2,
+    "tukey": lambda e: (1 - e**2) ** 2 if e < 1 else 0.0,
+    "tls": lambda e: 1.0 if e <= 1 else 0.0,
+}
+KERNELS = get_args(KernelName)
+REDESCENDING = ("cauchy", "geman_mcclure", "dcs", "tukey", "tls")
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
+def test_a_kernel_weighs_as_its_paper_says(kernel: KernelName) -> None:
+    for threshold in (None, 0.7, 3.0):
+        robustness = Robustness(kernel=kernel, threshold=threshold)
+        for e in np.linspace(0.0, 12.0, 49):
+            wanted = PAPERS[kernel](e / robustness.scale)
+            assert factors.weight(robustness, float(e)) == pytest.approx(wanted, abs=1e-12)
+
+
+@pytest.mark.parametrize("kernel", [k for k in KERNELS if k != "none"])
+def test_default_thresholds_are_95_percent_efficient(kernel: KernelName) -> None:
+    scale = THRESHOLDS[kernel]
+
+    def expected(f: Callable[[float], float]) -> float:
+        inside, outside = (0.0, scale), (scale, 12.0)
+        parts = [quad(lambda e: f(e) * norm.pdf(e), *span)[0] for span in (inside, outside)]
+        return 2 * float(sum(parts))
+
+    def psi(e: float) -> float:
+        return e * PAPERS[kernel](e / scale)
+
+    # by Stein's lemma the first is the mean of psi'
+    efficiency = expected(lambda e: e * psi(e)) ** 2 / expected(lambda e: psi(e) ** 2)
+    assert efficiency == pytest.approx(0.95, abs=1e-3)
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
+def test_a_solve_finds_the_minimum_under_its_kernel(kernel: KernelName) -> None:
+    """Five depths, one wrong: the weighted mean, whose weights are those of its residuals."""
+    depths, sigma = np.array([2.0, 2.1, 1.95, 2.05, 4.0]), 0.2
+    robustness = Robustness(kernel=kernel)
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    pins = factors.precisions([1e4] * 5 + [0.0] + [1e4] * 3)
+    graph.add(gtsam.PriorFactorNavState(X(0), gtsam.NavState(), pins))
+    for depth_m in depths:
+        factor = factors.depth(X(0), depth_m, np.zeros(3), sigma)
+        graph.add(factors.robust(factor, robustness))
+    values.insert(X(0), factors.nav_state(np.eye(3), np.array([0.0, 0.0, 2.0]), np.zeros(3)))
+    solved = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
+    found = float(solved.atNavState(X(0)).position()[2])
+    weights = [factors.weight(robustness, abs(d - found) / sigma) for d in depths]
+    assert found == pytest.approx(np.average(depths, weights=weights), abs=1e-3)
+    if kernel in REDESCENDING:
+        assert found == pytest.approx(depths[:-1].mean(), abs=0.05)
+
+
+def test_a_section_keeps_its_defaults_beside_what_is_set() -> None:
+    robust = gn.load_config(None, ["graph.robust.landmarks.kernel=tukey"]).graph.robust
+    assert robust.landmarks.gate_probability == 0.999
+    assert robust.landmarks.scale == THRESHOLDS["tukey"]
+    assert robust.loops.scale == 1.5
+
+
+def test_unknown_kernels_and_thresholds_are_refused() -> None:
+    for bad in ({"kernel": "welsch"}, {"threshold": 0.0}, {"gate_probability": 0.9}):
+        with pytest.raises(ValidationError):
+            Robustness.model_validate(bad)
