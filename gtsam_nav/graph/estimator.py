@@ -9,6 +9,7 @@ import numpy as np
 
 from gtsam_nav.config import Config
 from gtsam_nav.frames import Array
+from gtsam_nav.graph.clocks import find_clocks
 from gtsam_nav.graph.dense import dense_trajectory
 from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.keyframes import keyframe_times, merged_anchors
@@ -18,6 +19,7 @@ from gtsam_nav.graph.measurements.gnss import POSITION_OUTLIER
 from gtsam_nav.graph.measurements.imu import preintegrable, silences
 from gtsam_nav.graph.online import SCAN_MATCH, run_online
 from gtsam_nav.graph.output import (
+    constant_errors,
     keyframe_trajectory,
     landmark_estimates,
     loop_closures,
@@ -77,6 +79,12 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     clock = StageClock()
     with clock.stage("motion"):
         start, motion = _start_and_motion(mission, config)
+    with clock.stage("clocks"):
+        t = _keyframe_times(mission, np.empty(0), config)
+        clocks = find_clocks(mission, start, motion, t, config, progress)
+        if clocks.errors:
+            mission = clocks.corrected(mission)
+            start, motion = _start_and_motion(mission, config)
     mission, echoes, rejections, warnings = leave_out_defective_sonar(mission, config.sonar)
     with clock.stage("sonar"):
         sonar = _sonar_data(mission, echoes, motion, config)
@@ -89,6 +97,8 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         online = run_online(problem, sonar.scans if sonar else [], scan_keyframe, config, progress)
     with clock.stage("batch"):
         settled = settle(problem, online.backend.graph(), online.backend.values())
+        used = [settled.factors.at(i) for i in range(len(settled.used))]
+        clocks.describe(problem, tuple(zip(settled.used, used, strict=True)), settled.values)
     with clock.stage("refinement"):
         if sonar is not None and config.graph.refinement.max_iterations:
             graph = online.backend.graph(without=SCAN_MATCH)
@@ -102,6 +112,9 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     if not (refined.converged and settled.settled):
         warnings = (*warnings, "the refinement stopped before it settled")
     values = refined.values
+    constants = constant_errors(problem, refined)
+    clock_offsets = clocks.offsets(constants)
+    warnings = (*warnings, *(o.warning for o in clock_offsets if not o.observed))
     loops = loop_closures(
         online.matches, t_scans, scan_keyframe, values, config.graph.loops.cauchy_k
     )
@@ -125,7 +138,8 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
             *settled.rejections,
         ),
         warnings=(*mission.warnings, *problem.warnings, *warnings),
-        slow_states=slow_states(problem, values, covariances),
+        slow_states=slow_states(problem, values, covariances, constants),
+        clock_offsets=clock_offsets,
         pose_graph=pose_graph(problem, keyframes, online.matches, scan_keyframe),
         sonar_map=sonar_map(sonar.echoes, trajectory) if sonar else None,
         landmarks=landmark_estimates(problem, values, covariances, set(settled.factors.keys())),

@@ -84,6 +84,28 @@ class Displacement:
 
 
 @dataclass(frozen=True)
+class TimingEffect:
+    """Timing errors that are estimated, and how they bend the problem's residuals.
+
+    Attributes
+    ----------
+    names : tuple of str
+    sigma_s : ndarray, shape (m,)
+        Spread beforehand, about zero.
+    corrected_s : ndarray, shape (m,)
+        What the problem's measurements are corrected by already.
+    effect : ndarray, shape (rows, m)
+        Derivative of the whitened residuals, in the order of the solution's graph: the problem's
+        factors, then the readings in use.
+    """
+
+    names: tuple[str, ...]
+    sigma_s: Array
+    corrected_s: Array
+    effect: Array
+
+
+@dataclass(frozen=True)
 class InertialStep:
     """Preintegrated readings into a keyframe, the parameters that hold their gravity, and the
     readings themselves, shapes (n, 3), (n, 3), with the n times that they last."""
@@ -132,6 +154,8 @@ class Problem:
         Those that the velocity sensor's constant errors act on.
     calibration_sigma : ndarray, shape (2,)
         Spread of these errors: scale, and misalignment about the vertical in rad.
+    timing : TimingEffect or None
+        Timing errors that are estimated beside the trajectory.
     compass : list of int
         Key of the compass frame of each keyframe; empty without a compass.
     landmarks : dict of int to int
@@ -159,6 +183,7 @@ class Problem:
     bias: Any = None
     displacements: list[Displacement] = field(default_factory=list)
     calibration_sigma: Array = field(default_factory=lambda: np.zeros(2))
+    timing: TimingEffect | None = None
     compass: list[int] = field(default_factory=list)
     landmarks: dict[int, int] = field(default_factory=dict)
     level_landmarks: set[int] = field(default_factory=set)
@@ -180,6 +205,20 @@ class Problem:
         """Whether the IMU ties neighbours so much tighter than anything ties them to the Earth that
         GTSAM's Cholesky, which compares pivots, finds the system indeterminate: then QR."""
         return self.uses_imu and not self.measures_velocity
+
+    @property
+    def n_rows(self) -> int:
+        """Residuals of all factors, readings aside."""
+        return sum(entry.factor.dim() for brought in self.factors for entry in brought)
+
+    def first_rows(self) -> dict[int, int]:
+        """Row at which each factor begins, by its identity, all being stacked in order."""
+        rows, row = {}, 0
+        for brought in self.factors:
+            for entry in brought:
+                rows[id(entry.factor)] = row
+                row += entry.factor.dim()
+        return rows
 
     def add(self, k: int, sensor: str, factor: Any) -> None:
         """Let keyframe k bring one more factor."""

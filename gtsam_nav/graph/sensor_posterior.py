@@ -20,18 +20,24 @@ from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.problem import RECEIVER_STRIDE, Problem
 from gtsam_nav.series import IntArray
 
+CALIBRATION = ("scale", "misalignment_rad")
+"""The constant errors of the sensor of the velocity."""
+
 
 @dataclass(frozen=True)
 class CalibrationPart:
-    """Scale and misalignment of the velocity, marginalised out of the trajectory.
+    """Constant errors of the sensors, marginalised out of the trajectory.
+
+    They are scale and misalignment of the velocity, then the problem's timing errors (what is left
+    of them); p in all.
 
     Attributes
     ----------
-    mean, cov : ndarray, shapes (2,) and (2, 2)
+    mean, cov : ndarray, shapes (p,) and (p, p)
         Their estimate by the sensors other than the sonar.
-    cross : ndarray, shape (2, m)
+    cross : ndarray, shape (p, m)
         Covariance with the planar poses.
-    spread : ndarray, shape (N, 2)
+    spread : ndarray, shape (N, p)
         Its product with its transpose is what they add to the covariance of all variables.
     """
 
@@ -70,12 +76,45 @@ class SensorPosterior:
     planar_cov: Array
     calibration: CalibrationPart
 
+    @property
+    def timing(self) -> tuple[Array, Array]:
+        """What is left of the timing errors, and its covariance."""
+        first = len(CALIBRATION)
+        return self.calibration.mean[first:], self.calibration.cov[first:, first:]
+
     def step_given(self, planar: Array) -> Array:
         """Step of all variables, shape (N,), once the planar ones are known."""
         from scipy.linalg import cho_factor, cho_solve
 
         gain = cho_solve(cho_factor(self.planar_cov), planar - self.planar_mean)
         return np.asarray(self.mean + self.cross @ gain)
+
+    def taken_by(self, A: Array) -> Array:
+        """``W = A - A (P_p^-1 + A)^-1 A``: information A on the planar poses takes ``C W C'`` off a
+        covariance whose cross covariance with them is C."""
+        if not np.any(A):
+            return np.zeros_like(self.planar_cov)
+        total = np.linalg.inv(self.planar_cov) + A
+        W = A - A @ np.linalg.solve(total, A)
+        return np.asarray(0.5 * (W + W.T))
+
+    def constants_given(self, planar: Array, A: Array) -> tuple[Array, Array]:
+        """Constant errors and their covariance once the planar poses are known.
+
+        Parameters
+        ----------
+        planar : ndarray, shape (m,)
+            Their step, as for `step_given`.
+        A : ndarray, shape (m, m)
+            The information on them that this step rests on beside the sensors'.
+        """
+        part = self.calibration
+        if not len(planar):
+            return part.mean, part.cov
+        gain = np.linalg.solve(self.planar_cov, planar - self.planar_mean)
+        return part.mean + part.cross @ gain, part.cov - part.cross @ self.taken_by(
+            A
+        ) @ part.cross.T
 
     def retracted(self, step: Array) -> Any:
         """Values after a step."""
@@ -93,9 +132,9 @@ def sensor_posterior(
 ) -> SensorPosterior:
     """Linearise a graph and reduce it to the planar poses of given keyframes.
 
-    The constant errors D of the velocity sensor are no variables of the graph: with h their
-    coupling to its variables, ``H x + h D = g`` and ``h' x + (h_DD + Sigma_D^-1) D = g_D`` are
-    solved by the Schur complement in D, a correction of rank two.
+    The constant errors D of the sensors are no variables of the graph: with h their coupling to its
+    variables, ``H x + h D = g`` and ``h' x + (h_DD + Sigma_D^-1) D = g_D`` are solved by the Schur
+    complement in D, a correction of their number's rank.
 
     Raises
     ------
@@ -123,14 +162,14 @@ def sensor_posterior(
     for m, k in enumerate(keyframes.tolist()):
         R_nb = values.atNavState(X(k)).attitude().matrix()
         selection[columns[X(k)], 3 * m : 3 * m + 3] = planar_rows(R_nb).T
-    h, h_dd, g_d = _calibration_coupling(problem, values, columns, n)
-    mean, cross, U = np.empty(n), np.empty_like(selection), np.empty((n, 2))
+    effect, precision, prior_mean = _constant_errors(problem, values, len(b))
+    h, h_dd, g_d = jacobian.T @ effect, effect.T @ effect, effect.T @ b
+    mean, cross, U = np.empty(n), np.empty_like(selection), np.empty_like(h)
     mean[order] = factor.solve((jacobian.T @ b)[order])
     cross[order] = factor.solve(selection[order])
     U[order] = factor.solve(h[order])
-    precision = np.diag(1.0 / np.maximum(problem.calibration_sigma, 1e-9) ** 2)
-    cov_d: Array = np.linalg.inv(precision + h_dd - h.T @ U).astype(float)
-    mean_d = cov_d @ (g_d - h.T @ mean)
+    cov_d: Array = np.linalg.inv(np.diag(precision) + h_dd - h.T @ U).astype(float)
+    mean_d = cov_d @ (precision * prior_mean + g_d - h.T @ mean)
     mean -= U @ mean_d
     cross_d = -cov_d @ (U.T @ selection)
     cross -= U @ cross_d
@@ -148,26 +187,34 @@ def sensor_posterior(
     )
 
 
-def _calibration_coupling(
-    problem: Problem, values: Any, columns: dict[int, slice], n: int
-) -> tuple[Array, Array, Array]:
-    """Rows of the normal equations that belong to scale and misalignment.
+def _constant_errors(problem: Problem, values: Any, rows: int) -> tuple[Array, Array, Array]:
+    """Derivative of all residuals in the constant errors, their prior's precision and mean."""
+    effect = np.zeros((rows, 2))
+    effect[: problem.n_rows] = _calibration_effect(problem, values)
+    sigma = np.maximum(problem.calibration_sigma, 1e-9)
+    mean = np.zeros(2)
+    if problem.timing is not None:
+        effect = np.hstack([effect, problem.timing.effect])
+        sigma = np.append(sigma, problem.timing.sigma_s)
+        mean = np.append(mean, -problem.timing.corrected_s)
+    return effect, 1.0 / sigma**2, mean
+
+
+def _calibration_effect(problem: Problem, values: Any) -> Array:
+    """Of scale and misalignment on the residuals of the problem's own factors.
 
     The displacement's residual is ``R_ab' (R_a' (p_b - p_a) - (1 + scale) Rz(misalignment) p_ab)``.
     """
-    h, h_dd, g_d = np.zeros((n, 2)), np.zeros((2, 2)), np.zeros(2)
+    effect = np.zeros((problem.n_rows, 2))
+    first_row = problem.first_rows()
     for d in problem.displacements:
-        A, b = d.factor.linearize(values).jacobian()
+        A, _ = d.factor.linearize(values).jacobian()
         # the native row is a rotation times the square root of weight and information
         root = float(np.linalg.norm(A[3, 12:15]))
         turned = np.array([-d.p_a[1], d.p_a[0], 0.0])
-        J_d = np.zeros((9, 2))
-        J_d[3:6] = -root * d.R_ab.T @ np.column_stack([d.p_a, turned])
-        h[columns[X(d.k - 1)]] += A[:, :9].T @ J_d
-        h[columns[X(d.k)]] += A[:, 9:].T @ J_d
-        h_dd += J_d.T @ J_d
-        g_d += J_d.T @ b
-    return h, h_dd, g_d
+        row = first_row[id(d.factor)] + 3
+        effect[row : row + 3] = -root * d.R_ab.T @ np.column_stack([d.p_a, turned])
+    return effect
 
 
 def _tangent(key: int) -> tuple[int, slice]:
@@ -185,6 +232,11 @@ def _tangent(key: int) -> tuple[int, slice]:
 def free_part(key: int) -> slice:
     """Which components of a variable's tangent are free."""
     return _tangent(key)[1]
+
+
+def tangent_width(key: int) -> int:
+    """Width of a variable's tangent."""
+    return _tangent(key)[0]
 
 
 def _columns(values: Any) -> tuple[dict[int, slice], IntArray]:

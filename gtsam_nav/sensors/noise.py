@@ -88,7 +88,8 @@ class GnssNoise(Settings):
 
     Successive fixes of a stand-alone receiver share most of their error: ``correlated_share`` is
     the share of the variance that does, forgetting itself over ``correlation_time_s``. Velocities
-    are those of ``velocity_lag_s`` before their stamp: a receiver smooths them.
+    are those of ``velocity_lag_s`` before their stamp: a receiver smooths them. Where the lag is
+    known no better than ``velocity_lag_sigma_s``, the graph estimates it.
     """
 
     sigma_horizontal_m: float = Field(default=1.5, gt=0)
@@ -97,6 +98,7 @@ class GnssNoise(Settings):
     correlated_share: float = Field(default=0.0, ge=0, lt=1)
     correlation_time_s: float = Field(default=300.0, gt=0)
     velocity_lag_s: float = 0.0
+    velocity_lag_sigma_s: float = Field(default=0.0, ge=0)
 
 
 class LandmarkNoise(Settings):
