@@ -104,8 +104,8 @@ def find_clocks(
         used, graph = _factors(problem, values, CAUCHY_K * width)
         clocks.describe(problem, used, values)
         posterior = sensor_posterior(graph, values, np.empty(0, dtype=np.int64), problem)
-        step, cov = posterior.timing
-        sigma = np.sqrt(np.diag(cov))
+        step = posterior.calibration.mean[-len(errors) :]
+        sigma = np.sqrt(np.diag(posterior.calibration.cov)[-len(errors) :])
         moved = float(np.max(np.abs(step) / sigma))
         clocks, values = clocks.moved(step), posterior.retracted(posterior.mean)
         rounds += 1

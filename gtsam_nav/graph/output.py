@@ -71,14 +71,13 @@ def constant_errors(problem: Problem, refined: Refined) -> dict[str, tuple[float
     Those of the velocity that are known beforehand are left out.
     """
     mean, cov = refined.posterior.constants_given(refined.planar, refined.planar_information)
-    sigma = np.sqrt(np.diag(cov))
-    names = [f"velocity_{name}" for name in CALIBRATION]
-    known = list(problem.calibration_sigma == 0.0)
+    names = [f"velocity_{name}" for name in CALIBRATION] + [c.name for c in problem.constants]
     if problem.timing is not None:
         mean = mean + np.append(np.zeros(len(names)), problem.timing.corrected_s)
         names += problem.timing.names
-        known += [False] * len(problem.timing.names)
-    return {name: (float(mean[c]), float(sigma[c])) for c, name in enumerate(names) if not known[c]}
+    known = dict(zip(names, problem.calibration_sigma == 0.0, strict=False))
+    found = zip(names, mean.tolist(), np.sqrt(np.diag(cov)).tolist(), strict=True)
+    return {name: (value, sigma) for name, value, sigma in found if not known.get(name)}
 
 
 def slow_states(

@@ -84,6 +84,25 @@ class Displacement:
 
 
 @dataclass(frozen=True)
+class ConstantError:
+    """A constant that some factors' measurements are off in proportion to.
+
+    Attributes
+    ----------
+    name : str
+        With its unit, as for `SlowStates`.
+    sigma : float
+        Spread beforehand, about zero.
+    effect : list of (factor, ndarray)
+        Derivative of each one's residual, neither whitened nor weighted, shape (dim,).
+    """
+
+    name: str
+    sigma: float
+    effect: list[tuple[Any, Array]]
+
+
+@dataclass(frozen=True)
 class TimingEffect:
     """Timing errors that are estimated, and how they bend the problem's residuals.
 
@@ -154,6 +173,8 @@ class Problem:
         Those that the velocity sensor's constant errors act on.
     calibration_sigma : ndarray, shape (2,)
         Spread of these errors: scale, and misalignment about the vertical in rad.
+    constants : list of ConstantError
+        Others that are marginalised out of the trajectory.
     timing : TimingEffect or None
         Timing errors that are estimated beside the trajectory.
     compass : list of int
@@ -183,6 +204,7 @@ class Problem:
     bias: Any = None
     displacements: list[Displacement] = field(default_factory=list)
     calibration_sigma: Array = field(default_factory=lambda: np.zeros(2))
+    constants: list[ConstantError] = field(default_factory=list)
     timing: TimingEffect | None = None
     compass: list[int] = field(default_factory=list)
     landmarks: dict[int, int] = field(default_factory=dict)
@@ -205,11 +227,6 @@ class Problem:
         """Whether the IMU ties neighbours so much tighter than anything ties them to the Earth that
         GTSAM's Cholesky, which compares pivots, finds the system indeterminate: then QR."""
         return self.uses_imu and not self.measures_velocity
-
-    @property
-    def n_rows(self) -> int:
-        """Residuals of all factors, readings aside."""
-        return sum(entry.factor.dim() for brought in self.factors for entry in brought)
 
     def first_rows(self) -> dict[int, int]:
         """Row at which each factor begins, by its identity, all being stacked in order."""

@@ -28,8 +28,8 @@ CALIBRATION = ("scale", "misalignment_rad")
 class CalibrationPart:
     """Constant errors of the sensors, marginalised out of the trajectory.
 
-    They are scale and misalignment of the velocity, then the problem's timing errors (what is left
-    of them); p in all.
+    They are scale and misalignment of the velocity, the problem's other constants, and its timing
+    errors (what is left of them); p in all.
 
     Attributes
     ----------
@@ -75,12 +75,6 @@ class SensorPosterior:
     cross: Array
     planar_cov: Array
     calibration: CalibrationPart
-
-    @property
-    def timing(self) -> tuple[Array, Array]:
-        """What is left of the timing errors, and its covariance."""
-        first = len(CALIBRATION)
-        return self.calibration.mean[first:], self.calibration.cov[first:, first:]
 
     def step_given(self, planar: Array) -> Array:
         """Step of all variables, shape (N,), once the planar ones are known."""
@@ -189,24 +183,32 @@ def sensor_posterior(
 
 def _constant_errors(problem: Problem, values: Any, rows: int) -> tuple[Array, Array, Array]:
     """Derivative of all residuals in the constant errors, their prior's precision and mean."""
-    effect = np.zeros((rows, 2))
-    effect[: problem.n_rows] = _calibration_effect(problem, values)
-    sigma = np.maximum(problem.calibration_sigma, 1e-9)
-    mean = np.zeros(2)
+    effect = np.zeros((rows, len(CALIBRATION) + len(problem.constants)))
+    first_row = problem.first_rows()
+    effect[:, : len(CALIBRATION)] = _calibration_effect(problem, values, first_row, rows)
+    for column, constant in enumerate(problem.constants, start=len(CALIBRATION)):
+        for factor, derivative in constant.effect:
+            row, noise = first_row[id(factor)], factor.noiseModel()
+            weight = noise.weight(noise.unweightedWhiten(factor.unwhitenedError(values)))
+            whitened = noise.unweightedWhiten(derivative)
+            effect[row : row + len(derivative), column] = np.sqrt(weight) * whitened
+    sigma = np.append(problem.calibration_sigma, [constant.sigma for constant in problem.constants])
+    mean = np.zeros(len(sigma))
     if problem.timing is not None:
         effect = np.hstack([effect, problem.timing.effect])
         sigma = np.append(sigma, problem.timing.sigma_s)
         mean = np.append(mean, -problem.timing.corrected_s)
-    return effect, 1.0 / sigma**2, mean
+    return effect, 1.0 / np.maximum(sigma, 1e-9) ** 2, mean
 
 
-def _calibration_effect(problem: Problem, values: Any) -> Array:
-    """Of scale and misalignment on the residuals of the problem's own factors.
+def _calibration_effect(
+    problem: Problem, values: Any, first_row: dict[int, int], rows: int
+) -> Array:
+    """Of scale and misalignment of the velocity on all residuals.
 
     The displacement's residual is ``R_ab' (R_a' (p_b - p_a) - (1 + scale) Rz(misalignment) p_ab)``.
     """
-    effect = np.zeros((problem.n_rows, 2))
-    first_row = problem.first_rows()
+    effect = np.zeros((rows, len(CALIBRATION)))
     for d in problem.displacements:
         A, _ = d.factor.linearize(values).jacobian()
         # the native row is a rotation times the square root of weight and information

@@ -8,7 +8,7 @@ from gtsam_nav.config import Config
 from gtsam_nav.frames import Array
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import X
-from gtsam_nav.graph.problem import Problem
+from gtsam_nav.graph.problem import ConstantError, Problem
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.rest import SPELL_S, Rest, Spells, initial_rest, spells_of
 from gtsam_nav.sensors.noise import ImuNoise
@@ -40,10 +40,24 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
     if not problem.uses_imu:
         return
     if rolls(mission, config):
-        sigma = config.motion.nonholonomic_sigma_m_s
-        for k in range(len(problem.t)):
-            problem.add(k, NAME, factors.nonholonomic(X(k), sigma, config.graph.huber_k))
+        _add_wheels(problem, config)
     _add_rests(problem, mission, config)
+
+
+def _add_wheels(problem: Problem, config: Config) -> None:
+    """Neither sideways nor up, but for how springs let the body pitch as the vehicle speeds up."""
+    settings, speed = config.motion, problem.v_b[:, 0]
+    acceleration = np.gradient(speed, problem.t)
+    effect = []
+    for k in range(len(problem.t)):
+        sigma = settings.nonholonomic_sigma_m_s
+        factor = factors.nonholonomic(X(k), sigma, config.graph.huber_k)
+        problem.add(k, NAME, factor)
+        # a bow that points up lets the body sink along its own z axis
+        effect.append((factor, np.r_[np.zeros(8), -speed[k] * acceleration[k]]))
+    sigma = float(np.radians(settings.pitch_by_acceleration_sigma_deg_s2_m))
+    if sigma > 0:
+        problem.constants.append(ConstantError("pitch_by_acceleration_rad_s2_m", sigma, effect))
 
 
 def _add_rests(problem: Problem, mission: Mission, config: Config) -> None:
