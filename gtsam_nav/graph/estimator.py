@@ -32,6 +32,7 @@ from gtsam_nav.graph.refinement import JointRefinement, Refined, refine_without_
 from gtsam_nav.graph.settling import settle
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.alignment import Alignment, align
+from gtsam_nav.preprocess.compass_steps import without_compass_steps
 from gtsam_nav.preprocess.inertial_motion import inertial_motion
 from gtsam_nav.preprocess.landmark_start import landmark_start
 from gtsam_nav.preprocess.motion import (
@@ -78,6 +79,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     """
     clock = StageClock()
     with clock.stage("motion"):
+        mission, compass_warnings = without_compass_steps(mission)
         start, motion = _start_and_motion(mission, config)
     with clock.stage("clocks"):
         t = _keyframe_times(mission, np.empty(0), config)
@@ -86,6 +88,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
             mission = clocks.corrected(mission)
             start, motion = _start_and_motion(mission, config)
     mission, echoes, rejections, warnings = leave_out_defective_sonar(mission, config.sonar)
+    warnings = (*compass_warnings, *warnings)
     with clock.stage("sonar"):
         sonar = _sonar_data(mission, echoes, motion, config)
     t_scans = sonar.turns.t_ref if sonar else np.empty(0)
