@@ -103,10 +103,9 @@ class SensorCard(Described):
             model.model_validate(self.noise)
         except ValidationError as error:
             first = error.errors()[0]
+            key = ".".join(["noise", *(str(part) for part in first["loc"])])
             choices = ", ".join(model.model_fields)
-            raise ValueError(
-                f"noise.{first['loc'][0]}: {first['msg']}; the choices are: {choices}"
-            ) from error
+            raise ValueError(f"{key}: {first['msg']}; the choices are: {choices}") from error
         return self
 
     @classmethod

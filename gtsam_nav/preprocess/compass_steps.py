@@ -72,11 +72,8 @@ def _steps(series: HeadingSeries, unseen: Array) -> IntArray:
     )
     candidates = np.flatnonzero(sudden) + 1
     # a lone bad reading goes up and down again
-    lasting = [
-        abs(_size(series.t, unseen, int(k))) > 0.5 * change[k - 1]
-        for k in candidates
-    ]
-    return candidates[np.array(lasting, dtype=bool)]
+    lasting = [abs(_size(series.t, unseen, int(k))) > 0.5 * change[k - 1] for k in candidates]
+    return np.asarray(candidates[np.array(lasting, dtype=bool)])
 
 
 def _size(t: Array, unseen: Array, k: int) -> float:
