@@ -312,6 +312,8 @@ def _sensors(report: _Report) -> Html:
         element("h3", "GNSS"),
         tables.gnss_table(report.metrics),
     ]
+    if any(m.clock_offsets for m in report.metrics.values()):
+        pieces += [element("h3", "Clock offsets found"), tables.clock_table(report.metrics)]
     if any(s.rejections for s in report.solutions):
         pieces += [
             element("h3", "Measurements that were not used"),

@@ -142,7 +142,9 @@ def sensor_posterior(
     n = len(free)
     i, j, s = graph.linearize(values).sparseJacobian_()
     entries = (s, (i.astype(np.int64) - 1, j.astype(np.int64) - 1))
-    augmented = csc_array(entries, shape=(int(i.max()), int(j.max())))
+    # rows of zeros at the end have no entry
+    rows = sum(graph.at(f).dim() for f in range(graph.size()))
+    augmented = csc_array(entries, shape=(rows, int(j.max())))
     jacobian, b = augmented[:, free], augmented[:, [-1]].toarray()[:, 0]
     order = _order_in_time(columns)
     H = (jacobian.T @ jacobian).tocsc()[order][:, order]
@@ -156,7 +158,7 @@ def sensor_posterior(
     for m, k in enumerate(keyframes.tolist()):
         R_nb = values.atNavState(X(k)).attitude().matrix()
         selection[columns[X(k)], 3 * m : 3 * m + 3] = planar_rows(R_nb).T
-    effect, precision, prior_mean = _constant_errors(problem, values, len(b))
+    effect, precision, prior_mean = _constant_errors(problem, values, rows)
     h, h_dd, g_d = jacobian.T @ effect, effect.T @ effect, effect.T @ b
     mean, cross, U = np.empty(n), np.empty_like(selection), np.empty_like(h)
     mean[order] = factor.solve((jacobian.T @ b)[order])

@@ -61,19 +61,28 @@ class TimingError:
         lag_s = GnssNoise.model_validate(sensor.noise).velocity_lag_s + by_s
         return mission.with_sensor(replace(sensor, noise={**sensor.noise, "velocity_lag_s": lag_s}))
 
-    def ahead(self, problem: Problem, sensor: str, reason: str) -> int:
-        """How a sensor's measurements move against the keyframes as this error grows: 1 is ahead.
+    def shares(self, problem: Problem, sensor: str, reason: str) -> tuple[int, int]:
+        """How a measurement moves against the keyframes as this error grows, 1 being ahead.
 
-        ``sensor`` and ``reason`` are those of a factor or reading of the problem.
+        Once in yaw and once in all else: an orientation is put together of two sensors.
+
+        Parameters
+        ----------
+        sensor, reason : str
+            Of a factor or reading of the problem.
         """
         if self.quantity == "velocity_lag":
-            return -int(sensor == self.sensor and reason == VELOCITY_OUTLIER)
+            ahead = -int(sensor == self.sensor and reason == VELOCITY_OUTLIER)
+            return ahead, ahead
         if self.sensor_type == "imu":
-            return -int(problem.uses_imu and sensor not in TIMELESS)
+            ahead = -int(problem.uses_imu and sensor not in TIMELESS)
+            return ahead, ahead
+        if self.sensor_type in ("heading", "attitude") and sensor == "heading":
+            return int(self.sensor_type == "heading"), int(self.sensor_type == "attitude")
         own = {self.sensor, self.sensor_type}
         if self.sensor_type in ("dvl", "odometry"):
             own.add("velocity")
-        return int(sensor in own)
+        return int(sensor in own), int(sensor in own)
 
 
 def timing_errors(mission: Mission) -> tuple[TimingError, ...]:
@@ -111,10 +120,8 @@ def timing_effect(
     """
     course = _Course.of(problem, values)
     effect = [
-        np.outer(
-            course.slope(factor, t, values),
-            [error.ahead(problem, sensor, reason) for error in errors],
-        )
+        course.slopes(factor, t, values)
+        @ np.array([error.shares(problem, sensor, reason) for error in errors]).T
         for sensor, reason, t, factor in _measurements(problem, used)
     ]
     return TimingEffect(
@@ -161,25 +168,37 @@ class _Course:
         turned_b = Rotation.from_matrix(np.swapaxes(R_nb[a], 1, 2) @ R_nb[b]).as_rotvec()
         return cls(t, R_nb, turned_b / span_s, v_n, (v_n[b] - v_n[a]) / span_s)
 
-    def slope(self, factor: Any, t: float | None, values: Any) -> Array:
-        """How a factor's whitened, weighted residual changes as the vehicle moves on, (dim,)."""
+    def slopes(self, factor: Any, t: float | None, values: Any) -> Array:
+        """How a factor's whitened, weighted residual changes as the vehicle moves on, (dim, 2).
+
+        By its change of yaw, and by all else.
+        """
         linear = factor.linearize(values)
         A, b = linear.jacobian()
-        slope, first = np.zeros(len(b)), 0
+        slopes, first = np.zeros((len(b), 2)), 0
         for key in list(linear.keys()):
             width = tangent_width(key)
             if chr(gtsam.Symbol(key).chr()) == "x":
-                slope += A[:, first : first + width] @ self._rate(gtsam.Symbol(key).index(), t)
+                slopes += A[:, first : first + width] @ self._rates(gtsam.Symbol(key).index(), t)
             first += width
-        return slope
+        return slopes
 
-    def _rate(self, k: int, t: float | None) -> Array:
-        """A keyframe's rate of change in its tangent space, (9,), as it is at a time beside it."""
+    def _rates(self, k: int, t: float | None) -> Array:
+        """A keyframe's rate of change in its tangent space, (9, 2), as it is at a time beside it.
+
+        Its change of yaw, and all else.
+        """
         R_bn = self.R_nb[k].T
-        if t is None:
-            return np.concatenate([self.omega_b[k], R_bn @ self.v_n[k], R_bn @ self.a_n[k]])
-        omega_b, v_n, a_n = (
-            np.array([np.interp(t, self.t, axis) for axis in of.T])
-            for of in (self.omega_b, self.v_n, self.a_n)
-        )
-        return np.concatenate([omega_b, R_bn @ v_n, R_bn @ a_n])
+        omega_b, v_n, a_n = self.omega_b[k], self.v_n[k], self.a_n[k]
+        if t is not None:
+            omega_b, v_n, a_n = (
+                np.array([np.interp(t, self.t, axis) for axis in of.T])
+                for of in (self.omega_b, self.v_n, self.a_n)
+            )
+        down_b = R_bn[:, 2]
+        level2 = float(down_b[1:] @ down_b[1:])
+        yaw_b = down_b * float(down_b[1:] @ omega_b[1:]) / level2
+        rates = np.zeros((9, 2))
+        rates[:3, 0] = yaw_b
+        rates[:, 1] = np.concatenate([omega_b - yaw_b, R_bn @ v_n, R_bn @ a_n])
+        return rates
