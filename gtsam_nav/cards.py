@@ -45,6 +45,14 @@ class Described(Settings):
         return given
 
 
+class TimeOffset(Described):
+    """What is added to stamps, its standard deviation, and whether to estimate it."""
+
+    value_s: FiniteFloat = 0.0
+    sigma_s: FiniteFloat = Field(default=0.5, gt=0)
+    estimate: bool = False
+
+
 class SensorCard(Described):
     """Mounting, clock and noise of one instrument.
 
@@ -58,6 +66,9 @@ class SensorCard(Described):
         ``R_bs = Rz(yaw) Ry(pitch) Rx(roll)``.
     time_offset_s : float
         Added to the file's stamps.
+    time_offset : map, optional
+        The same as ``value_s`` of a clock that is known no better than ``sigma_s``; with
+        ``estimate: true`` the graph finds what it is off by.
     noise : map
         Figures of the type's noise model.
     """
@@ -66,7 +77,17 @@ class SensorCard(Described):
     xyz_m: Vector = (0.0, 0.0, 0.0)
     rpy_deg: Vector = (0.0, 0.0, 0.0)
     time_offset_s: FiniteFloat = 0.0
+    time_offset: TimeOffset | None = None
     noise: dict[str, Any] = Field(default_factory=dict)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _one_time_offset(cls, given: Any) -> Any:
+        if not isinstance(given, dict) or not isinstance(given.get("time_offset"), dict):
+            return given
+        if "time_offset_s" in given:
+            raise ValueError("give time_offset_s or time_offset, not both")
+        return {**given, "time_offset_s": given["time_offset"].get("value_s", 0.0)}
 
     @model_validator(mode="after")
     def _type_and_noise_are_known(self) -> SensorCard:
@@ -82,16 +103,21 @@ class SensorCard(Described):
             model.model_validate(self.noise)
         except ValidationError as error:
             first = error.errors()[0]
+            key = ".".join(["noise", *(str(part) for part in first["loc"])])
             choices = ", ".join(model.model_fields)
-            raise ValueError(
-                f"noise.{first['loc'][0]}: {first['msg']}; the choices are: {choices}"
-            ) from error
+            raise ValueError(f"{key}: {first['msg']}; the choices are: {choices}") from error
         return self
 
     @classmethod
     def types(cls) -> tuple[str, ...]:
         """Sensor types that may be named."""
         return tuple(SERIES_TYPES)
+
+    @property
+    def time_offset_sigma_s(self) -> float:
+        """What the stamps may still be off by; zero where the clock is trusted."""
+        offset = self.time_offset
+        return offset.sigma_s if offset is not None and offset.estimate else 0.0
 
     @property
     def xyz_b(self) -> Array:

@@ -53,6 +53,8 @@ class Sensor:
         Rotation from sensor to body axes.
     noise : mapping
         Figures of the card, read by ``sensors``' noise models.
+    time_offset_sigma_s : float
+        Spread of the constant that its stamps may be off by; zero where its clock is trusted.
     simulated : bool
         Whether the samples were synthesised inside an otherwise recorded mission.
     """
@@ -64,6 +66,7 @@ class Sensor:
     R_bs: Array = field(default_factory=lambda: np.eye(3))
     noise: Mapping[str, Any] = field(default_factory=dict)
     simulated: bool = False
+    time_offset_sigma_s: float = 0.0
 
     def __post_init__(self) -> None:
         if self.type not in SERIES_TYPES:

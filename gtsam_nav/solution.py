@@ -75,6 +75,46 @@ class SlowStates:
     columns: Mapping[str, tuple[Array, Array]]
 
 
+OBSERVED_SHARE = 0.8
+"""A timing error whose sigma stays above this share of what it was beforehand was not observed."""
+
+
+@dataclass(frozen=True)
+class ClockOffset:
+    """A constant timing error that was estimated.
+
+    Attributes
+    ----------
+    sensor : str
+    quantity : {"time_offset", "velocity_lag"}
+        Of the stamps of all samples, or of how far a receiver's velocities lag behind them.
+    offset_s : float
+        What must be added to the sensor's ``time_offset_s`` (or ``velocity_lag_s``).
+    sigma_s, prior_sigma_s : float
+        Its standard deviation, and what that was before any measurement.
+    """
+
+    sensor: str
+    quantity: str
+    offset_s: float
+    sigma_s: float
+    prior_sigma_s: float
+
+    @property
+    def observed(self) -> bool:
+        """Whether the measurements told anything of it."""
+        return self.sigma_s < OBSERVED_SHARE * self.prior_sigma_s
+
+    @property
+    def warning(self) -> str:
+        """What to say where they did not."""
+        what = self.quantity.replace("_", " ")
+        return (
+            f"the {what} of sensor '{self.sensor}' cannot be told from this mission: its sigma"
+            f" stays {self.sigma_s:.3g} s"
+        )
+
+
 @dataclass(frozen=True)
 class Innovations:
     """Normalised innovation squared of one sensor's updates."""
@@ -168,6 +208,8 @@ class Solution:
         By sensor, of those whose measurements stood under a kernel or a gate.
     warnings : tuple of str
         Degradations that the user must hear of.
+    clock_offsets : tuple of ClockOffset
+        Timing errors that the mission asked to estimate.
     stage_s : mapping
         Wall time of each stage.
     """
@@ -182,6 +224,7 @@ class Solution:
     rejections: tuple[Rejection, ...] = ()
     warnings: tuple[str, ...] = ()
     slow_states: SlowStates | None = None
+    clock_offsets: tuple[ClockOffset, ...] = ()
     innovations: Mapping[str, Innovations] = field(default_factory=dict)
     robust_weights: Mapping[str, RobustWeights] = field(default_factory=dict)
     pose_graph: PoseGraph | None = None

@@ -26,7 +26,7 @@ from gtsam_nav.evaluation.statistics import (
 from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.mission import Sensor, SonarKind
 from gtsam_nav.series import ReferenceSeries
-from gtsam_nav.solution import Solution
+from gtsam_nav.solution import ClockOffset, Solution
 from gtsam_nav.trajectory import MAX_GAP_S, Trajectory
 
 LEAST_COVERAGE = 0.99
@@ -137,6 +137,8 @@ class Metrics(TrajectoryMetrics):
     sonar : {"simulated", "recorded"} or None
     gnss_used, gnss_withheld : int
         Fixes that were measurements of the estimator, and fixes that it never saw.
+    clock_offsets : tuple of ClockOffset
+        Timing errors that were estimated.
     """
 
     ate_online: AbsoluteErrors | None = None
@@ -147,6 +149,7 @@ class Metrics(TrajectoryMetrics):
     sonar: SonarKind | None
     gnss_used: int
     gnss_withheld: int
+    clock_offsets: tuple[ClockOffset, ...] = ()
 
 
 def evaluate(
@@ -196,6 +199,7 @@ def evaluate(
         sonar=solution.sonar_kind,
         gnss_used=solution.gnss_used,
         gnss_withheld=solution.gnss_withheld,
+        clock_offsets=solution.clock_offsets,
     )
 
 

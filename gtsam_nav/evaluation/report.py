@@ -322,6 +322,8 @@ def _sensors(report: _Report) -> Html:
             tables.weight_table(report.solutions),
             element("p", note, class_="note"),
         ]
+    if any(m.clock_offsets for m in report.metrics.values()):
+        pieces += [element("h3", "Clock offsets found"), tables.clock_table(report.metrics)]
     if any(s.rejections for s in report.solutions):
         pieces += [
             element("h3", "Measurements that were not used"),

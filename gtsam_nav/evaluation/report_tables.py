@@ -187,6 +187,20 @@ def gnss_table(metrics: ByMethod) -> Html:
     return table(("method", "fixes used", "fixes withheld"), rows)
 
 
+def clock_table(metrics: ByMethod) -> Html:
+    """Timing errors that were estimated."""
+    rows = [
+        (
+            *(name, o.sensor, o.quantity.replace("_", " ")),
+            *(number(o.offset_s, 4), number(o.sigma_s, 4), "yes" if o.observed else "no"),
+        )
+        for name, m in metrics.items()
+        for o in m.clock_offsets
+    ]
+    header = ("method", "sensor", "of its", "to be added (s)", "sigma (s)", "observed")
+    return table(header, rows, names=3)
+
+
 def timing_table(records: Mapping[str, RunRecord]) -> Html:
     """Wall time of each run and of its stages, s."""
     stages = list(dict.fromkeys(stage for r in records.values() for stage in r.stage_s))

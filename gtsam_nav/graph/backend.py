@@ -47,7 +47,6 @@ class Backend:
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
-        self.entries: list[SensorFactor] = []
         # a first sighting ties a landmark to the vehicle alone
         self._isam = _isam2(problem.is_stiff or (problem.uses_imu and bool(problem.landmarks)))
         self._new_factors = gtsam.NonlinearFactorGraph()
@@ -84,7 +83,6 @@ class Backend:
 
     def add_factor(self, entry: SensorFactor) -> None:
         """Queue one factor."""
-        self.entries.append(entry)
         self._new_factors.add(entry.factor)
 
     def update(self) -> None:

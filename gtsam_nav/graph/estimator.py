@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 from gtsam_nav.config import Config
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.backend import graph_of
+from gtsam_nav.graph.clocks import Clocks, find_clocks
 from gtsam_nav.graph.dense import dense_trajectory
 from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.false_loops import loop_faults
@@ -22,6 +24,7 @@ from gtsam_nav.graph.measurements.gnss import POSITION_OUTLIER
 from gtsam_nav.graph.measurements.imu import preintegrable, silences
 from gtsam_nav.graph.online import match_factor, run_online
 from gtsam_nav.graph.output import (
+    constant_errors,
     keyframe_trajectory,
     landmark_estimates,
     loop_closures,
@@ -30,14 +33,15 @@ from gtsam_nav.graph.output import (
     slow_states,
     smoothed_covariances,
 )
-from gtsam_nav.graph.problem import Problem
+from gtsam_nav.graph.problem import Problem, SensorFactor
 from gtsam_nav.graph.refinement import JointRefinement, Refined, refine_without_sonar
 from gtsam_nav.graph.robust import check_sigmas
-from gtsam_nav.graph.scan_matching import LOOP, SCAN_MATCH
+from gtsam_nav.graph.scan_matching import ScanMatch
 from gtsam_nav.graph.settling import Settled, settle
 from gtsam_nav.graph.weights import contradictions, robust_weights
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.alignment import Alignment, align
+from gtsam_nav.preprocess.compass_steps import without_compass_steps
 from gtsam_nav.preprocess.inertial_motion import inertial_motion
 from gtsam_nav.preprocess.landmark_start import landmark_start
 from gtsam_nav.preprocess.motion import (
@@ -84,10 +88,15 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     EstimationError
         Where the graph is indeterminate or diverges.
     """
-    clock = StageClock()
-    check_sigmas(mission, config.graph.robust)
+    clock, robust = StageClock(), config.graph.robust
+    check_sigmas(mission, robust)
     with clock.stage("motion"):
+        mission, compass_warnings = without_compass_steps(mission)
         start, motion = _start_and_motion(mission, config)
+    with clock.stage("clocks"):
+        mission, clocks = _clocks_put_right(mission, start, motion, config, progress)
+        if clocks.errors:
+            start, motion = _start_and_motion(mission, config)
     mission, echoes, rejections, warnings = leave_out_defective_sonar(mission, config.sonar)
     with clock.stage("sonar"):
         sonar = _sonar_data(mission, echoes, motion, config)
@@ -102,45 +111,27 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     with clock.stage("isam2"), states_named(problem):
         scans = sonar.scans if sonar else []
         online = run_online(problem, scans, scan_keyframe, config, progress, faults)
-    entries, values = online.backend.entries, online.backend.values()
+    values = online.backend.values()
     with clock.stage("loops"), states_named(problem):
-        entries = [entry for entry in entries if entry.sensor != LOOP]
-        matches = judged(online.matches, problem, entries, values, scan_keyframe, loops)
-        entries += [
-            match_factor(m, scan_keyframe, config.graph.robust.loops)
-            for m in matches
-            if m.is_loop and m.accepted
-        ]
+        matches = judged(online.matches, problem, values, scan_keyframe, config)
+    joined = [m for m in matches if m.accepted]
+    match_factors = [match_factor(m, scan_keyframe, robust.loops) for m in joined]
     with clock.stage("batch"), states_named(problem):
-        settled = settle(problem, entries, values)
+        settled = settle(problem, [*problem.entries, *match_factors], values)
+        clocks.describe(problem, settled.used_factors, settled.values)
     with clock.stage("refinement"), states_named(problem):
-        if sonar is not None and config.graph.refinement.max_iterations:
-            graph = graph_of(e for e in entries if e.sensor not in (SCAN_MATCH, LOOP))
-            graph.push_back(settled.factors)
-            joint = JointRefinement(sonar.echoes, sonar.turns, problem, config.graph.refinement)
-            refined = joint.run(graph, settled.values, progress)
-        else:
-            graph = graph_of(entries)
-            graph.push_back(settled.factors)
-            refined = refine_without_sonar(graph, settled.values, problem)
-    if faults and not any(m.is_injected for m in matches):
-        warnings = (*warnings, "no loop closures: there were none to put false ones among")
-    fixes, believed = _fixes(problem, settled)
-    if not _enough(believed, fixes):
-        warnings = (*warnings, f"gnss: only {believed} of {fixes} fixes agree with each other")
-    if not (refined.converged and settled.settled):
-        warnings = (*warnings, "the refinement stopped before it settled")
+        graph, refined = _refined(problem, settled, match_factors, sonar, config, progress)
     values = refined.values
-    robustness = config.graph.robust.loops
-    closures = loop_closures(matches, t_scans, scan_keyframe, values, robustness)
-    joined = [(m, match_factor(m, scan_keyframe, robustness)) for m in matches if m.accepted]
-    timed = [(float(t_scans[m.b]), entry) for m, entry in joined]
+    timed = [(float(t_scans[m.b]), f) for m, f in zip(joined, match_factors, strict=True)]
     weights = robust_weights(problem, timed, settled.used, values)
+    constants = constant_errors(problem, refined)
+    clock_offsets = clocks.offsets(constants)
     with clock.stage("covariance"), states_named(problem):
         covariances = _covariances(problem, graph, refined)
     states = [values.atNavState(X(k)) for k in range(len(t))]
     keyframes = keyframe_trajectory(t, states, [covariances[X(k)] for k in range(len(t))])
     trajectory = dense_trajectory(problem, values, keyframes)
+    fixes, believed = _fixes(problem, settled)
     return Solution(
         method="graph",
         trajectory=trajectory,
@@ -148,7 +139,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         georeferenced=start.georeferenced
         and (_enough(believed, fixes) or mission.initial.p_n is not None),
         online=keyframe_trajectory(t, online.states, online.covariances),
-        loops=closures,
+        loops=loop_closures(matches, t_scans, scan_keyframe, values, robust.loops),
         rejections=(
             *mission.rejections,
             *motion.rejections,
@@ -158,8 +149,18 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
             *match_rejections(matches, t_scans),
         ),
         robust_weights=weights,
-        warnings=(*mission.warnings, *problem.warnings, *warnings, *contradictions(weights)),
-        slow_states=slow_states(problem, values, covariances),
+        warnings=(
+            *mission.warnings,
+            *problem.warnings,
+            *compass_warnings,
+            *warnings,
+            *(offset.warning for offset in clock_offsets if not offset.observed),
+            *_doubts(settled, refined, fixes, believed),
+            *_missing_loops(bool(faults), matches),
+            *contradictions(weights),
+        ),
+        slow_states=slow_states(problem, values, covariances, constants),
+        clock_offsets=clock_offsets,
         pose_graph=pose_graph(problem, keyframes, matches, scan_keyframe),
         sonar_map=sonar_map(sonar.echoes, trajectory) if sonar else None,
         landmarks=landmark_estimates(problem, values, covariances, set(settled.factors.keys())),
@@ -167,6 +168,46 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         n_keyframes=len(t),
         stage_s=clock.seconds,
     )
+
+
+def _clocks_put_right(
+    mission: Mission, start: Alignment, motion: VehicleMotion, config: Config, progress: Progress
+) -> tuple[Mission, Clocks]:
+    """The mission with the timing errors that it asks to find taken off, and these."""
+    t = _keyframe_times(mission, np.empty(0), config)
+    clocks = find_clocks(mission, start, motion, t, config, progress)
+    return clocks.corrected(mission), clocks
+
+
+def _refined(
+    problem: Problem,
+    settled: Settled,
+    match_factors: list[SensorFactor],
+    sonar: SonarData | None,
+    config: Config,
+    progress: Progress,
+) -> tuple[Any, Refined]:
+    """The last solve, and the graph that it rests on: the echoes take the place of the matches."""
+    graph = graph_of(problem.entries)
+    graph.push_back(settled.factors)
+    if sonar is not None and config.graph.refinement.max_iterations:
+        joint = JointRefinement(sonar.echoes, sonar.turns, problem, config.graph.refinement)
+        return graph, joint.run(graph, settled.values, progress)
+    graph.push_back(graph_of(match_factors))
+    return graph, refine_without_sonar(graph, settled.values, problem)
+
+
+def _doubts(settled: Settled, refined: Refined, fixes: int, believed: int) -> Iterator[str]:
+    """What speaks against the solution."""
+    if not _enough(believed, fixes):
+        yield f"gnss: only {believed} of {fixes} fixes agree with each other"
+    if not (refined.converged and settled.settled):
+        yield "the refinement stopped before it settled"
+
+
+def _missing_loops(wanted: bool, matches: list[ScanMatch]) -> Iterator[str]:
+    if wanted and not any(m.is_injected for m in matches):
+        yield "no loop closures: there were none to put false ones among"
 
 
 def _fixes(problem: Problem, settled: Settled) -> tuple[int, int]:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from gtsam_nav.config import Config
 from gtsam_nav.graph.backend import graph_of
 from gtsam_nav.graph.loop_consistency import (
     evidence_of,
@@ -17,10 +18,10 @@ from gtsam_nav.graph.loop_consistency import (
     largest_consistent_set,
     normalised_squares,
 )
-from gtsam_nav.graph.problem import Problem, SensorFactor
+from gtsam_nav.graph.online import match_factor
+from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.scan_matching import ScanMatch
 from gtsam_nav.graph.sensor_posterior import sensor_posterior
-from gtsam_nav.graph.settings import LoopSettings
 from gtsam_nav.graph.settling import settle
 from gtsam_nav.series import IntArray
 
@@ -30,10 +31,9 @@ log = logging.getLogger(__name__)
 def judged(
     matches: Sequence[ScanMatch],
     problem: Problem,
-    others: Sequence[SensorFactor],
     values: Any,
     scan_keyframe: IntArray,
-    settings: LoopSettings,
+    config: Config,
 ) -> list[ScanMatch]:
     """All matches, of the accepted closures only those that pass still so.
 
@@ -41,17 +41,22 @@ def judged(
     ----------
     matches : sequence of ScanMatch
         Those of consecutive scans are left alone.
-    others : sequence of SensorFactor
-        Everything but the closures and the readings.
     values : gtsam.Values
         Start.
     """
+    settings, robust = config.graph.loops, config.graph.robust
     loops = [m for m in matches if m.is_loop and m.accepted]
     if not loops or (settings.consistency_probability is None and settings.arbiter == "none"):
         return list(matches)
-    settled = settle(problem, others, values)
-    graph = graph_of(others)
+    consecutive = [
+        match_factor(m, scan_keyframe, robust.loops)
+        for m in matches
+        if m.accepted and not m.is_loop
+    ]
+    settled = settle(problem, [*problem.entries, *consecutive], values)
+    graph = graph_of(problem.entries)
     graph.push_back(settled.factors)
+    graph.push_back(graph_of(consecutive))
     keyframes = keyframes_of(loops, scan_keyframe)
     posterior = sensor_posterior(graph, settled.values, keyframes, problem)
     evidence = evidence_of(loops, scan_keyframe, posterior)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -15,9 +16,10 @@ from gtsam_nav.graph import factors
 from gtsam_nav.graph.backend import Covariances
 from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.problem import Problem
+from gtsam_nav.graph.refinement import Refined
 from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.graph.scan_matching import LOOP, SCAN_MATCH, ScanMatch
-from gtsam_nav.graph.sensor_posterior import SensorPosterior, free_part
+from gtsam_nav.graph.sensor_posterior import CALIBRATION, SensorPosterior, free_part
 from gtsam_nav.mission import Rejection
 from gtsam_nav.series import IntArray
 from gtsam_nav.solution import LandmarkEstimates, LoopClosure, PoseGraph, PoseGraphEdge, SlowStates
@@ -35,11 +37,7 @@ def smoothed_covariances(
     ``W = A - A (P_p^-1 + A)^-1 A``.
     """
     sensors_only = Covariances(graph, posterior.values, is_stiff)
-    CW = np.zeros_like(posterior.cross)
-    if np.any(A):
-        total = np.linalg.inv(posterior.planar_cov) + A
-        W = A - A @ np.linalg.solve(total, A)
-        CW = posterior.cross @ (0.5 * (W + W.T))
+    CW = posterior.cross @ posterior.taken_by(A)
     updated = []
     for key in keys:
         own, free = posterior.columns[key], free_part(key)
@@ -69,10 +67,33 @@ def keyframe_trajectory(t: Array, states: list[Any], covariances: list[Array]) -
     )
 
 
-def slow_states(problem: Problem, values: Any, covariances: dict[int, Array]) -> SlowStates:
-    """Heading bias and IMU biases at each keyframe with their sigmas."""
-    columns: dict[str, tuple[Array, Array]] = {}
-    index = range(len(problem.t))
+def constant_errors(problem: Problem, refined: Refined) -> dict[str, tuple[float, float]]:
+    """Constant errors of the sensors by name with unit: estimates and sigmas, all sensors together.
+
+    Those of the velocity that are known beforehand are left out.
+    """
+    mean, cov = refined.posterior.constants_given(refined.planar, refined.planar_information)
+    names = [f"velocity_{name}" for name in CALIBRATION] + [c.name for c in problem.constants]
+    if problem.timing is not None:
+        mean = mean + np.append(np.zeros(len(names)), problem.timing.corrected_s)
+        names += problem.timing.names
+    known = dict(zip(names, problem.calibration_sigma == 0.0, strict=False))
+    found = zip(names, mean.tolist(), np.sqrt(np.diag(cov)).tolist(), strict=True)
+    return {name: (value, sigma) for name, value, sigma in found if not known.get(name)}
+
+
+def slow_states(
+    problem: Problem,
+    values: Any,
+    covariances: dict[int, Array],
+    constants: Mapping[str, tuple[float, float]],
+) -> SlowStates:
+    """Heading bias and IMU biases at each keyframe with their sigmas; and the constant errors."""
+    n = len(problem.t)
+    columns = {
+        name: (np.full(n, value), np.full(n, sigma)) for name, (value, sigma) in constants.items()
+    }
+    index = range(n)
     if problem.compass:
         # the compass frame's yaw is what must be added to the reading
         yaw = np.array([values.atNavState(key).attitude().yaw() for key in problem.compass])

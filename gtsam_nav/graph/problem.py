@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.linalg import norm
 
 from gtsam_nav.frames import Array, Origin, rotation_from_rpy
 from gtsam_nav.graph import factors
@@ -41,6 +42,10 @@ class SensorFactor:
     def factor(self) -> Any:
         """The factor under its kernel."""
         return factors.robust(self.gaussian, self.robustness)
+
+    def weight_at(self, values: Any) -> float:
+        """What the kernel leaves of the factor's information."""
+        return factors.weight(self.robustness, float(norm(self.gaussian.whitenedError(values))))
 
 
 @dataclass(frozen=True)
@@ -84,6 +89,47 @@ class Displacement:
     R_ab: Array
     p_a: Array
     factor: Any
+
+
+@dataclass(frozen=True)
+class ConstantError:
+    """A constant that some factors' measurements are off in proportion to.
+
+    Attributes
+    ----------
+    name : str
+        With its unit, as for `SlowStates`.
+    sigma : float
+        Spread beforehand, about zero.
+    effect : list of (SensorFactor, ndarray)
+        Derivative of each one's residual, neither whitened nor weighted, shape (dim,).
+    """
+
+    name: str
+    sigma: float
+    effect: list[tuple[SensorFactor, Array]]
+
+
+@dataclass(frozen=True)
+class TimingEffect:
+    """Timing errors that are estimated, and how they bend the problem's residuals.
+
+    Attributes
+    ----------
+    names : tuple of str
+    sigma_s : ndarray, shape (m,)
+        Spread beforehand, about zero.
+    corrected_s : ndarray, shape (m,)
+        What the problem's measurements are corrected by already.
+    effect : ndarray, shape (rows, m)
+        Derivative of the whitened residuals, in the order of the solution's graph: the problem's
+        factors, then the readings in use.
+    """
+
+    names: tuple[str, ...]
+    sigma_s: Array
+    corrected_s: Array
+    effect: Array
 
 
 @dataclass(frozen=True)
@@ -135,6 +181,10 @@ class Problem:
         Those that the velocity sensor's constant errors act on.
     calibration_sigma : ndarray, shape (2,)
         Spread of these errors: scale, and misalignment about the vertical in rad.
+    constants : list of ConstantError
+        Others that are marginalised out of the trajectory.
+    timing : TimingEffect or None
+        Timing errors that are estimated beside the trajectory.
     compass : list of int
         Key of the compass frame of each keyframe; empty without a compass.
     landmarks : dict of int to int
@@ -162,6 +212,8 @@ class Problem:
     bias: Any = None
     displacements: list[Displacement] = field(default_factory=list)
     calibration_sigma: Array = field(default_factory=lambda: np.zeros(2))
+    constants: list[ConstantError] = field(default_factory=list)
+    timing: TimingEffect | None = None
     compass: list[int] = field(default_factory=list)
     landmarks: dict[int, int] = field(default_factory=dict)
     level_landmarks: set[int] = field(default_factory=set)
@@ -184,9 +236,26 @@ class Problem:
         GTSAM's Cholesky, which compares pivots, finds the system indeterminate: then QR."""
         return self.uses_imu and not self.measures_velocity
 
-    def add(self, k: int, sensor: str, factor: Any, robustness: Robustness = NO_KERNEL) -> None:
+    @property
+    def entries(self) -> list[SensorFactor]:
+        """All factors in the order of their keyframes."""
+        return [entry for brought in self.factors for entry in brought]
+
+    def first_rows(self) -> dict[int, int]:
+        """Row at which each factor begins, by its identity, `entries` being stacked in order."""
+        rows, row = {}, 0
+        for entry in self.entries:
+            rows[id(entry.factor)] = row
+            row += entry.gaussian.dim()
+        return rows
+
+    def add(
+        self, k: int, sensor: str, factor: Any, robustness: Robustness = NO_KERNEL
+    ) -> SensorFactor:
         """Let keyframe k bring one more factor of Gaussian noise, to stand under a kernel."""
-        self.factors[k].append(SensorFactor(sensor, factor, robustness))
+        entry = SensorFactor(sensor, factor, robustness)
+        self.factors[k].append(entry)
+        return entry
 
     def add_gated(
         self, k: int, sensor: str, index: int, factor: Any, robustness: GatedRobustness

@@ -81,10 +81,14 @@ def knots_of(t_echoes: Array, t_keyframes: Array, t_scans: Array) -> Knots:
 
 @dataclass(frozen=True)
 class Refined:
-    """Final values, and what the sensors and the sonar told about the planar knots."""
+    """Final values, and what the sensors and the sonar told about the planar knots.
+
+    ``planar`` is the last step of these, from where ``posterior`` was linearised.
+    """
 
     values: Any
     posterior: SensorPosterior
+    planar: Array
     planar_information: Array
     iterations: int
     converged: bool
@@ -98,7 +102,9 @@ def refine_without_sonar(graph: Any, values: Any, problem: Problem) -> Refined:
         values = posterior.retracted(posterior.mean)
         largest = float(np.max(np.abs(posterior.mean)))
         count += 1
-    return Refined(values, posterior, np.empty((0, 0)), count, largest <= CONVERGED_STEP)
+    return Refined(
+        values, posterior, np.empty(0), np.empty((0, 0)), count, largest <= CONVERGED_STEP
+    )
 
 
 class JointRefinement:
@@ -161,7 +167,7 @@ class JointRefinement:
                 break
         progress("refinement", 1.0)
         log.info("joint refinement: %d iterations, converged: %s", iterations, done)
-        return Refined(values, posterior, information, iterations, bool(done))
+        return Refined(values, posterior, planar.ravel(), information, iterations, bool(done))
 
     def _solve(
         self, posterior: SensorPosterior, gate: float, before: int, progress: Progress

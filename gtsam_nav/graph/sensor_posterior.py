@@ -20,18 +20,24 @@ from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.problem import RECEIVER_STRIDE, Problem
 from gtsam_nav.series import IntArray
 
+CALIBRATION = ("scale", "misalignment_rad")
+"""The constant errors of the sensor of the velocity."""
+
 
 @dataclass(frozen=True)
 class CalibrationPart:
-    """Scale and misalignment of the velocity, marginalised out of the trajectory.
+    """Constant errors of the sensors, marginalised out of the trajectory.
+
+    They are scale and misalignment of the velocity, the problem's other constants, and its timing
+    errors (what is left of them); p in all.
 
     Attributes
     ----------
-    mean, cov : ndarray, shapes (2,) and (2, 2)
+    mean, cov : ndarray, shapes (p,) and (p, p)
         Their estimate by the sensors other than the sonar.
-    cross : ndarray, shape (2, m)
+    cross : ndarray, shape (p, m)
         Covariance with the planar poses.
-    spread : ndarray, shape (N, 2)
+    spread : ndarray, shape (N, p)
         Its product with its transpose is what they add to the covariance of all variables.
     """
 
@@ -77,6 +83,33 @@ class SensorPosterior:
         gain = cho_solve(cho_factor(self.planar_cov), planar - self.planar_mean)
         return np.asarray(self.mean + self.cross @ gain)
 
+    def taken_by(self, A: Array) -> Array:
+        """``W = A - A (P_p^-1 + A)^-1 A``: information A on the planar poses takes ``C W C'`` off a
+        covariance whose cross covariance with them is C."""
+        if not np.any(A):
+            return np.zeros_like(self.planar_cov)
+        total = np.linalg.inv(self.planar_cov) + A
+        W = A - A @ np.linalg.solve(total, A)
+        return np.asarray(0.5 * (W + W.T))
+
+    def constants_given(self, planar: Array, A: Array) -> tuple[Array, Array]:
+        """Constant errors and their covariance once the planar poses are known.
+
+        Parameters
+        ----------
+        planar : ndarray, shape (m,)
+            Their step, as for `step_given`.
+        A : ndarray, shape (m, m)
+            The information on them that this step rests on beside the sensors'.
+        """
+        part = self.calibration
+        if not len(planar):
+            return part.mean, part.cov
+        gain = np.linalg.solve(self.planar_cov, planar - self.planar_mean)
+        return part.mean + part.cross @ gain, part.cov - part.cross @ self.taken_by(
+            A
+        ) @ part.cross.T
+
     def retracted(self, step: Array) -> Any:
         """Values after a step."""
         delta = gtsam.VectorValues()
@@ -93,9 +126,11 @@ def sensor_posterior(
 ) -> SensorPosterior:
     """Linearise a graph and reduce it to the planar poses of given keyframes.
 
-    The constant errors D of the velocity sensor are no variables of the graph: with h their
-    coupling to its variables, ``H x + h D = g`` and ``h' x + (h_DD + Sigma_D^-1) D = g_D`` are
-    solved by the Schur complement in D, a correction of rank two.
+    The graph begins with the problem's own factors in their order, and the readings in use.
+
+    The constant errors D of the sensors are no variables of the graph: with h their coupling to its
+    variables, ``H x + h D = g`` and ``h' x + (h_DD + Sigma_D^-1) D = g_D`` are solved by the Schur
+    complement in D, a correction of their number's rank.
 
     Raises
     ------
@@ -109,7 +144,9 @@ def sensor_posterior(
     n = len(free)
     i, j, s = graph.linearize(values).sparseJacobian_()
     entries = (s, (i.astype(np.int64) - 1, j.astype(np.int64) - 1))
-    augmented = csc_array(entries, shape=(int(i.max()), int(j.max())))
+    # rows of zeros at the end have no entry
+    rows = sum(graph.at(f).dim() for f in range(graph.size()))
+    augmented = csc_array(entries, shape=(rows, int(j.max())))
     jacobian, b = augmented[:, free], augmented[:, [-1]].toarray()[:, 0]
     order = _order_in_time(columns)
     H = (jacobian.T @ jacobian).tocsc()[order][:, order]
@@ -123,14 +160,14 @@ def sensor_posterior(
     for m, k in enumerate(keyframes.tolist()):
         R_nb = values.atNavState(X(k)).attitude().matrix()
         selection[columns[X(k)], 3 * m : 3 * m + 3] = planar_rows(R_nb).T
-    h, h_dd, g_d = _calibration_coupling(problem, values, columns, n)
-    mean, cross, U = np.empty(n), np.empty_like(selection), np.empty((n, 2))
+    effect, precision, prior_mean = _constant_errors(problem, values, rows)
+    h, h_dd, g_d = jacobian.T @ effect, effect.T @ effect, effect.T @ b
+    mean, cross, U = np.empty(n), np.empty_like(selection), np.empty_like(h)
     mean[order] = factor.solve((jacobian.T @ b)[order])
     cross[order] = factor.solve(selection[order])
     U[order] = factor.solve(h[order])
-    precision = np.diag(1.0 / np.maximum(problem.calibration_sigma, 1e-9) ** 2)
-    cov_d: Array = np.linalg.inv(precision + h_dd - h.T @ U).astype(float)
-    mean_d = cov_d @ (g_d - h.T @ mean)
+    cov_d: Array = np.linalg.inv(np.diag(precision) + h_dd - h.T @ U).astype(float)
+    mean_d = cov_d @ (precision * prior_mean + g_d - h.T @ mean)
     mean -= U @ mean_d
     cross_d = -cov_d @ (U.T @ selection)
     cross -= U @ cross_d
@@ -148,26 +185,43 @@ def sensor_posterior(
     )
 
 
-def _calibration_coupling(
-    problem: Problem, values: Any, columns: dict[int, slice], n: int
-) -> tuple[Array, Array, Array]:
-    """Rows of the normal equations that belong to scale and misalignment.
+def _constant_errors(problem: Problem, values: Any, rows: int) -> tuple[Array, Array, Array]:
+    """Derivative of all residuals in the constant errors, their prior's precision and mean."""
+    effect = np.zeros((rows, len(CALIBRATION) + len(problem.constants)))
+    first_row = problem.first_rows()
+    effect[:, : len(CALIBRATION)] = _calibration_effect(problem, values, first_row, rows)
+    for column, constant in enumerate(problem.constants, start=len(CALIBRATION)):
+        for entry, derivative in constant.effect:
+            row, gaussian = first_row[id(entry.factor)], entry.gaussian
+            weight = entry.weight_at(values)
+            whitened = gaussian.noiseModel().whiten(derivative)
+            effect[row : row + len(derivative), column] = np.sqrt(weight) * whitened
+    sigma = np.append(problem.calibration_sigma, [constant.sigma for constant in problem.constants])
+    mean = np.zeros(len(sigma))
+    if problem.timing is not None:
+        below = rows - len(problem.timing.effect)
+        effect = np.hstack([effect, np.pad(problem.timing.effect, ((0, below), (0, 0)))])
+        sigma = np.append(sigma, problem.timing.sigma_s)
+        mean = np.append(mean, -problem.timing.corrected_s)
+    return effect, 1.0 / np.maximum(sigma, 1e-9) ** 2, mean
+
+
+def _calibration_effect(
+    problem: Problem, values: Any, first_row: dict[int, int], rows: int
+) -> Array:
+    """Of scale and misalignment of the velocity on all residuals.
 
     The displacement's residual is ``R_ab' (R_a' (p_b - p_a) - (1 + scale) Rz(misalignment) p_ab)``.
     """
-    h, h_dd, g_d = np.zeros((n, 2)), np.zeros((2, 2)), np.zeros(2)
+    effect = np.zeros((rows, len(CALIBRATION)))
     for d in problem.displacements:
-        A, b = d.factor.linearize(values).jacobian()
+        A, _ = d.factor.linearize(values).jacobian()
         # the native row is a rotation times the square root of weight and information
         root = float(np.linalg.norm(A[3, 12:15]))
         turned = np.array([-d.p_a[1], d.p_a[0], 0.0])
-        J_d = np.zeros((9, 2))
-        J_d[3:6] = -root * d.R_ab.T @ np.column_stack([d.p_a, turned])
-        h[columns[X(d.k - 1)]] += A[:, :9].T @ J_d
-        h[columns[X(d.k)]] += A[:, 9:].T @ J_d
-        h_dd += J_d.T @ J_d
-        g_d += J_d.T @ b
-    return h, h_dd, g_d
+        row = first_row[id(d.factor)] + 3
+        effect[row : row + 3] = -root * d.R_ab.T @ np.column_stack([d.p_a, turned])
+    return effect
 
 
 def _tangent(key: int) -> tuple[int, slice]:
@@ -182,14 +236,14 @@ def _tangent(key: int) -> tuple[int, slice]:
     return 9, {"m": slice(2, 3), "g": slice(3, 6), "l": slice(3, 6)}.get(kind, slice(0, 9))
 
 
-def tangent_width(key: int) -> int:
-    """Number of components of a variable's tangent."""
-    return _tangent(key)[0]
-
-
 def free_part(key: int) -> slice:
     """Which components of a variable's tangent are free."""
     return _tangent(key)[1]
+
+
+def tangent_width(key: int) -> int:
+    """Width of a variable's tangent."""
+    return _tangent(key)[0]
 
 
 def _columns(values: Any) -> tuple[dict[int, slice], IntArray]:

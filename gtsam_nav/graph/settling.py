@@ -68,6 +68,12 @@ class Settled:
     rejections: tuple[Rejection, ...]
     settled: bool
 
+    @property
+    def used_factors(self) -> tuple[tuple[Reading, Any], ...]:
+        """The used readings, each with its factor."""
+        made = [self.factors.at(i) for i in range(self.factors.size())]
+        return tuple(zip(self.used, made, strict=True))
+
 
 def settle(problem: Problem, entries: Sequence[SensorFactor], values: Any) -> Settled:
     """Solve a problem's batch with its readings, leaving out what is an outlier.

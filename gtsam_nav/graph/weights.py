@@ -60,8 +60,7 @@ def _all_weighed(
     ]
     for t, entry in (*entries, *matches):
         if entry.robustness.kernel != "none":
-            e = _norm(entry.gaussian, values)
-            weight = factors.weight(entry.robustness, e)
+            e, weight = _norm(entry.gaussian, values), entry.weight_at(values)
             yield entry.sensor, entry.robustness.kernel, t, e, weight
     for brought in problem.readings:
         for reading in brought:

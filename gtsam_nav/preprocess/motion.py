@@ -124,8 +124,10 @@ def vehicle_motion(mission: Mission, start: Alignment, settings: MotionSettings)
         Where nothing measures the velocity.
     """
     t = motion_grid(mission, start, settings)
-    v_b, sigma_v, position_variance, usual_growth, rejections = _velocities(mission, t, settings)
     yaw, yaw_variance, gyro_bias_b = _yaw(mission, t, start, settings)
+    v_b, sigma_v, position_variance, usual_growth, rejections = _velocities(
+        mission, t, settings, gyro_bias_b
+    )
     tilt, _ = tilt_at(mission, t)
     rpy = np.column_stack([tilt, yaw])
     v_n = np.einsum("nij,nj->ni", rotation_from_rpy(rpy), v_b)
@@ -192,10 +194,10 @@ def offset_from_fixes(mission: Mission, motion: VehicleMotion) -> Array:
 
 
 def _velocities(
-    mission: Mission, t: Array, settings: MotionSettings
+    mission: Mission, t: Array, settings: MotionSettings, gyro_bias_b: Array
 ) -> tuple[Array, Array, Array, float, tuple[Rejection, ...]]:
     """Smoothed body velocity on the grid, its sigma, and the random walk that its noise makes."""
-    z, rejections = _velocity_readings(mission, settings)
+    z, rejections = _velocity_readings(mission, settings, gyro_bias_b)
     densities = np.array(
         [settings.sigma_accel_m_s2, settings.sigma_accel_m_s2, settings.sigma_vertical_accel_m_s2]
     )
@@ -245,12 +247,15 @@ def _smooth_each_axis(
 
 
 def _velocity_readings(
-    mission: Mission, settings: MotionSettings
+    mission: Mission, settings: MotionSettings, gyro_bias_b: Array
 ) -> tuple[BodyVelocities, tuple[Rejection, ...]]:
-    """Readings of the first DVL that has two, else of the odometry; and those left out."""
+    """Readings of the first DVL that has two, else of the odometry; and those left out.
+
+    A gyro's bias would lend its lever arm a constant velocity sideways: a wrong course.
+    """
     rejections: tuple[Rejection, ...] = ()
     for dvl in mission.of_type("dvl"):
-        omega_b = angular_rate_b(mission, dvl.series.t)
+        omega_b = angular_rate_b(mission, dvl.series.t) - gyro_bias_b
         readings = body_velocities(dvl, omega_b, settings.water_lock_after_s)
         rejections += readings.rejections
         if len(readings) >= 2:

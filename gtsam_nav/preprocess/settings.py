@@ -22,6 +22,9 @@ class MotionSettings(Settings):
         Constraints on the motion; None takes the mission's own word (``Mission.constraints``).
     nonholonomic_sigma_m_s : float
         Of the velocity sideways and upwards that such a vehicle shows all the same.
+    pitch_by_acceleration_sigma_deg_s2_m : float
+        Spread of how far the springs of such a vehicle let its bow rise, degrees per m/s^2 of
+        acceleration; the graph finds it. Zero is a rigid one.
     zero_velocity_sigma_m_s : float
         Of each component of the velocity at rest.
     """
@@ -34,4 +37,5 @@ class MotionSettings(Settings):
     nonholonomic: bool | None = None
     zero_velocity: bool | None = None
     nonholonomic_sigma_m_s: float = Field(default=0.1, gt=0)
+    pitch_by_acceleration_sigma_deg_s2_m: float = Field(default=0.5, ge=0)
     zero_velocity_sigma_m_s: float = Field(default=0.01, gt=0)

@@ -130,6 +130,7 @@ class _Reading:
             R_bs=np.eye(3) if entry.type in ORIENTING_TYPES else entry.R_bs,
             noise=entry.noise,
             simulated=entry.simulated,
+            time_offset_sigma_s=entry.time_offset_sigma_s,
         )
 
     def _series(self, name: str, entry: SensorEntry, path: Path) -> Cleaned:

@@ -134,7 +134,13 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
             continue
         entry = card.sensors[name]
         sensors[name] = Sensor(
-            name, entry.type, series, xyz_b=entry.xyz_b, R_bs=entry.R_bs, noise=entry.noise
+            name,
+            entry.type,
+            series,
+            xyz_b=entry.xyz_b,
+            R_bs=entry.R_bs,
+            noise=entry.noise,
+            time_offset_sigma_s=entry.time_offset_sigma_s,
         )
     mission = Mission(
         name=robot.stem if robot.prefix else f"{robot.folder.resolve().name}_{robot.stem}",

@@ -124,7 +124,13 @@ def _mounted(
             continue
         entry = card.sensors[name]
         sensors[name] = Sensor(
-            name, entry.type, series, xyz_b=entry.xyz_b, R_bs=entry.R_bs, noise=entry.noise
+            name,
+            entry.type,
+            series,
+            xyz_b=entry.xyz_b,
+            R_bs=entry.R_bs,
+            noise=entry.noise,
+            time_offset_sigma_s=entry.time_offset_sigma_s,
         )
     return sensors, rejections, warnings
 

@@ -154,6 +154,7 @@ def _mounted(name: str, series: Series, card: Card) -> Sensor:
         xyz_b=entry.xyz_b,
         R_bs=np.eye(3) if entry.type in ORIENTING_TYPES else entry.R_bs,
         noise=entry.noise,
+        time_offset_sigma_s=entry.time_offset_sigma_s,
     )
 
 

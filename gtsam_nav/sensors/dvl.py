@@ -49,7 +49,7 @@ def body_velocities(dvl: Sensor, omega_b: Array, water_lock_after_s: float) -> B
     water = series.valid & ~series.bottom_lock
     absence = _seconds_without(series.t, bottom)
     used = bottom | (water & (absence > water_lock_after_s))
-    v_b = series.v_d @ dvl.R_bs.T - np.cross(omega_b, dvl.xyz_b)
+    v_b = noise.velocity_factor * series.v_d @ dvl.R_bs.T - np.cross(omega_b, dvl.xyz_b)
     sigma = np.where(bottom, series.sigma, np.hypot(series.sigma, noise.water_sigma_m_s))
     rejections = tuple(
         Rejection(

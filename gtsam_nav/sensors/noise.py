@@ -6,16 +6,50 @@ compass-aided AHRS, stand-alone GNSS); a card overrides what it knows better.
 
 from __future__ import annotations
 
-from pydantic import Field
+from typing import Any
+
+import numpy as np
+from pydantic import Field, model_validator
 
 from gtsam_nav.settings import Settings
+
+SQRT_HOUR_S = 60.0
+G_M_S2 = 9.80665
+_RAD = np.pi / 180.0
+
+DATASHEET_UNITS: dict[str, dict[str, float]] = {
+    "gyro_noise_density_rad_s_sqrt_hz": {
+        "gyro_noise_density_deg_sqrt_h": _RAD / SQRT_HOUR_S,
+        "gyro_noise_density_deg_s_sqrt_hz": _RAD,
+    },
+    "gyro_bias_walk_rad_s2_sqrt_hz": {
+        "gyro_bias_walk_deg_h_sqrt_h": _RAD / SQRT_HOUR_S**3,
+    },
+    "gyro_bias_sigma_rad_s": {
+        "gyro_bias_sigma_deg_h": _RAD / SQRT_HOUR_S**2,
+        "gyro_bias_sigma_deg_s": _RAD,
+    },
+    "accel_noise_density_m_s2_sqrt_hz": {
+        "accel_noise_density_ug_sqrt_hz": 1e-6 * G_M_S2,
+        "accel_noise_density_m_s_sqrt_h": 1.0 / SQRT_HOUR_S,
+    },
+    "accel_bias_walk_m_s3_sqrt_hz": {
+        "accel_bias_walk_ug_sqrt_h": 1e-6 * G_M_S2 / SQRT_HOUR_S,
+    },
+    "accel_bias_sigma_m_s2": {
+        "accel_bias_sigma_ug": 1e-6 * G_M_S2,
+        "accel_bias_sigma_mg": 1e-3 * G_M_S2,
+    },
+}
+"""Names under which a datasheet's figures may stand, and what each unit is in SI."""
 
 
 class ImuNoise(Settings):
     """Noise of gyroscope and accelerometer.
 
-    ``*_noise_density_*`` are white-noise densities, ``*_bias_walk_*`` random-walk densities,
-    ``*_bias_sigma_*`` the spread of the turn-on bias.
+    ``*_noise_density_*`` are white-noise densities (angle and velocity random walk),
+    ``*_bias_walk_*`` random-walk densities, ``*_bias_sigma_*`` the spread of the turn-on bias. Each
+    may stand in a datasheet's unit instead, under a name of `DATASHEET_UNITS`.
     """
 
     gyro_noise_density_rad_s_sqrt_hz: float = Field(default=1e-3, gt=0)
@@ -25,13 +59,32 @@ class ImuNoise(Settings):
     gyro_bias_sigma_rad_s: float = Field(default=0.02, gt=0)
     accel_bias_sigma_m_s2: float = Field(default=0.2, gt=0)
 
+    @model_validator(mode="before")
+    @classmethod
+    def _from_datasheet_units(cls, given: Any) -> Any:
+        if not isinstance(given, dict):
+            return given
+        figures = dict(given)
+        for name, units in DATASHEET_UNITS.items():
+            stated = [key for key in (name, *units) if key in given]
+            if len(stated) > 1:
+                raise ValueError(f"give one of {' and '.join(stated)}")
+            for key in units.keys() & given.keys():
+                value = figures.pop(key)
+                if not isinstance(value, int | float):
+                    raise ValueError(f"{key} is {value!r}; a number is needed")
+                figures[name] = value * units[key]
+        return figures
+
 
 class DvlNoise(Settings):
     """Noise of a Doppler velocity log.
 
     ``sigma_m_s`` serves where the file states no sigma; ``water_sigma_m_s`` is that of the water's
     own motion, added for water lock; ``scale_sigma`` and ``misalignment_sigma_deg`` are the spread
-    of the constant errors, ``max_speed_m_s`` the gate.
+    of the constant errors, ``max_speed_m_s`` the gate. An instrument that assumed a sound speed of
+    ``assumed_sound_speed_m_s`` where it was ``sound_speed_m_s`` is off by their ratio, which is put
+    right.
     """
 
     sigma_m_s: float = Field(default=0.05, gt=0)
@@ -39,6 +92,21 @@ class DvlNoise(Settings):
     scale_sigma: float = Field(default=0.01, ge=0)
     misalignment_sigma_deg: float = Field(default=1.0, ge=0)
     max_speed_m_s: float = Field(default=5.0, gt=0)
+    assumed_sound_speed_m_s: float | None = Field(default=None, gt=1000, lt=2000)
+    sound_speed_m_s: float | None = Field(default=None, gt=1000, lt=2000)
+
+    @model_validator(mode="after")
+    def _both_sound_speeds(self) -> DvlNoise:
+        if (self.assumed_sound_speed_m_s is None) != (self.sound_speed_m_s is None):
+            raise ValueError("assumed_sound_speed_m_s and sound_speed_m_s go together")
+        return self
+
+    @property
+    def velocity_factor(self) -> float:
+        """By which the instrument's velocities are multiplied."""
+        if self.sound_speed_m_s is None or self.assumed_sound_speed_m_s is None:
+            return 1.0
+        return self.sound_speed_m_s / self.assumed_sound_speed_m_s
 
 
 class OdometryNoise(Settings):
@@ -61,7 +129,8 @@ class HeadingNoise(Settings):
     The error is white noise (``sigma_deg``, where the file states none) plus a slowly varying bias:
     a constant of spread ``bias_sigma_deg`` and a disturbance of spread ``disturbance_sigma_deg``
     that forgets itself over ``disturbance_time_s`` (magnetic surroundings). ``declination_deg`` is
-    added to the readings (magnetic to true north).
+    added to the readings (magnetic to true north); with ``magnetic`` that of the mission's place
+    and date is, by the World Magnetic Model.
     """
 
     sigma_deg: float = Field(default=0.5, gt=0)
@@ -69,6 +138,13 @@ class HeadingNoise(Settings):
     disturbance_sigma_deg: float = Field(default=4.0, ge=0)
     disturbance_time_s: float = Field(default=120.0, gt=0)
     declination_deg: float = 0.0
+    magnetic: bool = False
+
+    @model_validator(mode="after")
+    def _one_declination(self) -> HeadingNoise:
+        if self.magnetic and self.declination_deg != 0.0:
+            raise ValueError("give declination_deg or magnetic, not both")
+        return self
 
 
 class AttitudeNoise(Settings):
@@ -88,7 +164,8 @@ class GnssNoise(Settings):
 
     Successive fixes of a stand-alone receiver share most of their error: ``correlated_share`` is
     the share of the variance that does, forgetting itself over ``correlation_time_s``. Velocities
-    are those of ``velocity_lag_s`` before their stamp: a receiver smooths them.
+    are those of ``velocity_lag_s`` before their stamp: a receiver smooths them. Where the lag is
+    known no better than ``velocity_lag_sigma_s``, the graph estimates it.
     """
 
     sigma_horizontal_m: float = Field(default=1.5, gt=0)
@@ -97,6 +174,7 @@ class GnssNoise(Settings):
     correlated_share: float = Field(default=0.0, ge=0, lt=1)
     correlation_time_s: float = Field(default=300.0, gt=0)
     velocity_lag_s: float = 0.0
+    velocity_lag_sigma_s: float = Field(default=0.0, ge=0)
 
 
 class LandmarkNoise(Settings):

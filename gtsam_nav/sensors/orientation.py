@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, rotation_from_rpy, wrap_angle
-from gtsam_nav.mission import Mission
+from gtsam_nav.mission import Mission, Sensor
+from gtsam_nav.sensors.declination import declination_deg
 from gtsam_nav.sensors.noise import HeadingNoise
 from gtsam_nav.sensors.prediction import BodyState, Prediction
 from gtsam_nav.series import AttitudeSeries, HeadingSeries
@@ -68,18 +70,37 @@ def predict_tilt(state: BodyState, roll: float, pitch: float, sigma: float) -> P
 
 
 def headings_true(mission: Mission) -> HeadingSeries | None:
-    """Headings of the body from true north, declination applied; None without a compass."""
+    """Headings of the body from true north, declination applied; None without a compass.
+
+    Raises
+    ------
+    DataError
+        Where magnetic headings come from an unknown place or date.
+    """
     sensor = mission.first("heading")
     if sensor is None:
         return None
     series = sensor.series
     assert isinstance(series, HeadingSeries)
-    declination = np.radians(HeadingNoise.model_validate(sensor.noise).declination_deg)
+    declination = np.radians(_declination_deg(mission, sensor))
     if declination == 0.0:
         return series
     return HeadingSeries(
         t=series.t, row=series.row, heading=series.heading + declination, sigma=series.sigma
     )
+
+
+def _declination_deg(mission: Mission, compass: Sensor) -> float:
+    """As the card states it, or by the model."""
+    noise = HeadingNoise.model_validate(compass.noise)
+    if not noise.magnetic:
+        return noise.declination_deg
+    if mission.origin is None or mission.start_utc is None:
+        raise DataError(
+            f"the headings of '{compass.name}' are magnetic: true north needs the mission's origin"
+            " and start_utc, or declination_deg"
+        )
+    return declination_deg(mission.origin, mission.start_utc)
 
 
 def tilt_at(mission: Mission, t: Array) -> tuple[Array, Array]:

@@ -139,7 +139,13 @@ def _entry(sensor: Sensor, file_name: str) -> dict[str, Any]:
     if np.any(rpy_deg):
         entry["rpy_deg"] = [float(x) for x in rpy_deg]
     if sensor.noise:
-        entry["noise"] = {figure: float(value) for figure, value in sensor.noise.items()}
+        entry["noise"] = {
+            figure: value if isinstance(value, bool) else float(value)
+            for figure, value in sensor.noise.items()
+        }
+    if sensor.time_offset_sigma_s > 0:
+        # the stamps that are written have the card's own offset in them
+        entry["time_offset"] = {"sigma_s": float(sensor.time_offset_sigma_s), "estimate": True}
     if sensor.simulated:
         entry["simulated"] = True
     if isinstance(sensor.series, ReferenceSeries) and not sensor.series.vertical_usable:

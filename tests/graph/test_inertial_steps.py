@@ -6,7 +6,7 @@ import gtsam
 import numpy as np
 import pytest
 
-from gtsam_nav.config import load_config
+from gtsam_nav.config import Config, load_config
 from gtsam_nav.frames import Array, rotation_from_rpy
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import B, X
@@ -28,7 +28,9 @@ R_BI = rotation_from_rpy([0.1, -0.2, 1.3])
 CONFIG = load_config(None, ["graph.imu_min_rate_hz=5"])
 
 
-def problem_of(imu: Sensor, keyframes: Array, mission_origin: bool = True) -> Problem:
+def problem_of(
+    imu: Sensor, keyframes: Array, mission_origin: bool = True, config: Config = CONFIG
+) -> Problem:
     mission = Mission(
         name="inertial",
         sensors={"imu": imu},
@@ -37,7 +39,7 @@ def problem_of(imu: Sensor, keyframes: Array, mission_origin: bool = True) -> Pr
     )
     start = align(mission)
     return build_problem(
-        mission, start, inertial_motion(mission, start, CONFIG.motion), keyframes, CONFIG
+        mission, start, inertial_motion(mission, start, config.motion), keyframes, config
     )
 
 
@@ -123,3 +125,35 @@ def test_a_silence_is_bridged_at_constant_velocity_and_said() -> None:
     for k in (2, 3):
         values.insert(B(k), problem.bias)
     assert graph.error(values) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_springs_let_the_bow_rise_as_a_vehicle_on_wheels_speeds_up() -> None:
+    """A body pitched up by a moves along its own z axis with the sine of a of its speed."""
+    t = np.arange(0.0, 10.0, 0.02)
+    accel_b = np.column_stack(
+        [np.where(t > 4.0, 1.5, 0.0), np.zeros(len(t)), np.full(len(t), -9.8)]
+    )
+    imu = Sensor("imu", "imu", ImuSeries(t=t, gyro_i=np.zeros((len(t), 3)), accel_i=accel_b))
+    config = CONFIG.model_copy(
+        update={"motion": CONFIG.motion.model_copy(update={"nonholonomic": True})}
+    )
+    problem = problem_of(imu, np.arange(0.0, 10.0, 0.5), config=config)
+    (springs,) = problem.constants
+    assert springs.name == "pitch_by_acceleration_rad_s2_m"
+    assert springs.sigma == pytest.approx(np.radians(0.5))
+    assert len(springs.effect) == len(problem.t)
+    k, softness, h = 16, 0.01, 1e-6
+    entry, derivative = springs.effect[k]
+    speed = float(problem.v_b[k, 0])
+    assert speed > 5.0
+    values = gtsam.Values()
+
+    def residual(pitch_by_acceleration: float) -> Array:
+        """Of a body that the springs pitch, while it moves level."""
+        pitched = gtsam.Rot3.Pitch((softness - pitch_by_acceleration) * 1.5)
+        values.insert_or_assign(X(k), gtsam.NavState(pitched, np.zeros(3), [speed, 0.0, 0.0]))
+        return np.asarray(entry.gaussian.unwhitenedError(values))
+
+    assert residual(softness)[8] == pytest.approx(0.0, abs=1e-9)
+    slope = (residual(softness + h) - residual(softness - h)) / (2 * h)
+    np.testing.assert_allclose(derivative[8], slope[8], rtol=0.02)

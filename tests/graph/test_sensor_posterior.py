@@ -55,8 +55,8 @@ def make_case(uses_imu: bool, sigma: tuple[float, float]) -> Case:
     for k in range(len(t)):
         backend.add_keyframe(k)
     backend.update()
-    graph = graph_of(backend.entries)
-    settled = settle(problem, backend.entries, backend.values())
+    graph = graph_of(problem.entries)
+    settled = settle(problem, problem.entries, backend.values())
     graph.push_back(settled.factors)
     posterior = sensor_posterior(graph, settled.values, KNOTS, problem)
     return Case(problem, graph, settled.values, posterior)

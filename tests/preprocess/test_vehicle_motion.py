@@ -206,6 +206,16 @@ def test_the_gyro_bias_is_found_against_the_compass(bias_deg_s: float) -> None:
     assert np.abs(error[motion.t < t[-1]]).max() < 0.01  # better than one reading
 
 
+def test_the_gyro_bias_does_not_turn_into_a_velocity_of_the_lever_arm() -> None:
+    """At rest, a DVL a metre ahead of the origin: a bias would move the origin sideways."""
+    t = times(10.0)
+    ahead = replace(dvl(np.zeros(3)), xyz_b=np.array([1.0, 0.0, 0.5]))
+    biased = imu(np.zeros(3), np.eye(3), np.array([0.01, -0.01, 0.02]))
+    found = moved(ahead, biased, compass(np.zeros(len(t)), t))
+    assert np.max(np.abs(found.v_b)) < 2e-3
+    assert np.max(np.abs(found.p_n)) < 0.02
+
+
 def test_the_gyro_carries_the_heading_between_rare_readings() -> None:
     """Half a turn and more between readings of the compass."""
     rate, t = 0.5, times(0.1)

@@ -24,6 +24,7 @@ from gtsam_nav.series import (
     OdometrySeries,
     ReferenceSeries,
 )
+from gtsam_nav.writers.mission_folder import write_mission
 
 TEN = range(10)
 
@@ -208,7 +209,7 @@ def test_two_of_a_type_are_two_names_and_gz_reads_as_it_is(tmp_path: Path) -> No
     np.testing.assert_array_equal(series[0].t, series[1].t)
 
 
-def two_depths(folder: Path, first: Any, second: Any, **offset: float) -> Mission:
+def two_depths(folder: Path, first: Any, second: Any, **offset: Any) -> Mission:
     def text(stamps: Any) -> str:
         return "t,depth_m,sigma\n" + "".join(f"{t!r},1,0.1\n" for t in stamps)
 
@@ -226,6 +227,34 @@ def test_time_zero_is_the_earliest_sample_after_offsets(tmp_path: Path) -> None:
     np.testing.assert_array_equal(mission.sensors["a"].series.t, [5, 6])
     np.testing.assert_array_equal(mission.sensors["b"].series.t, [0, 1])
     assert mission.start_utc == 1_715_938_200 + 95
+
+
+def test_a_doubted_clock_is_moved_and_its_doubt_kept(tmp_path: Path) -> None:
+    doubt = {"value_s": -15.0, "sigma_s": 0.2, "estimate": True}
+    mission = two_depths(tmp_path, [100.0, 101.0], [110.0, 111.0], time_offset=doubt)
+    np.testing.assert_array_equal(mission.sensors["b"].series.t, [0, 1])
+    assert mission.sensors["b"].time_offset_sigma_s == 0.2
+    assert mission.sensors["a"].time_offset_sigma_s == 0.0
+    write_mission(mission, tmp_path / "copy")
+    copy = open_mission(tmp_path / "copy")
+    assert copy.sensors["b"].time_offset_sigma_s == 0.2
+    np.testing.assert_array_equal(copy.sensors["b"].series.t, [0, 1])
+
+
+@pytest.mark.parametrize(
+    ("offset", "message"),
+    [
+        (
+            {"time_offset_s": 1.0, "time_offset": {"estimate": True}},
+            "time_offset_s or time_offset, not both",
+        ),
+        ({"time_offset": {"sigma_s": 0.0, "estimate": True}}, "time_offset.sigma_s"),
+        ({"time_offset": {"guess": True}}, "unknown key 'guess'"),
+    ],
+)
+def test_a_bad_time_offset_is_refused(tmp_path: Path, offset: dict[str, Any], message: str) -> None:
+    with pytest.raises(DataError, match=message):
+        two_depths(tmp_path, [0.0, 1.0], [0.0, 1.0], **offset)
 
 
 def test_the_clock_jump_of_one_sensor_never_defines_zero(tmp_path: Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -89,3 +91,14 @@ def test_without_any_lock_nothing_is_measured() -> None:
     assert {r.reason for r in found.rejections} == {"no lock"}
     assert [r.index for r in found.rejections] == list(range(10, 30))
     assert [r.t for r in found.rejections] == list(range(10, 30))
+
+
+def test_a_wrong_sound_speed_is_put_right() -> None:
+    """Doppler shifts are of speeds as fractions of the sound's."""
+    bottom = np.ones(3, dtype=bool)
+    plain = dvl(bottom, v_d=np.full((3, 3), 1.5), xyz_b=np.array([1.0, 0.0, 0.0]))
+    sounds = {"assumed_sound_speed_m_s": 1500.0, "sound_speed_m_s": 1530.0}
+    corrected = replace(plain, noise={**plain.noise, **sounds})
+    omega_b = np.tile([0.0, 0.0, 0.2], (3, 1))
+    before, after = (body_velocities(d, omega_b, LIMIT_S).v_b for d in (plain, corrected))
+    np.testing.assert_allclose(after - before, 0.02 * 1.5)

@@ -157,7 +157,7 @@ def _in_degrees(name: str) -> tuple[str, float]:
     for ending, unit in (("_rad_s", "deg/s"), ("_rad", "deg")):
         if name.endswith(ending):
             return f"{name.removesuffix(ending).replace('_', ' ')}\n({unit})", 180.0 / np.pi
-    for ending, unit in (("_m_s2", "m/s²"), ("_m_s", "m/s"), ("_m", "m")):
+    for ending, unit in (("_m_s2", "m/s²"), ("_m_s", "m/s"), ("_m", "m"), ("_s", "s")):
         if name.endswith(ending):
             return f"{name.removesuffix(ending).replace('_', ' ')}\n({unit})", 1.0
     return name.replace("_", " "), 1.0

@@ -8,7 +8,7 @@ from gtsam_nav.config import Config
 from gtsam_nav.frames import Array
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import X
-from gtsam_nav.graph.problem import Problem
+from gtsam_nav.graph.problem import ConstantError, Problem
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.rest import SPELL_S, Rest, Spells, initial_rest, spells_of
 from gtsam_nav.sensors.noise import ImuNoise
@@ -40,10 +40,23 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
     if not problem.uses_imu:
         return
     if rolls(mission, config):
-        sigma, robustness = config.motion.nonholonomic_sigma_m_s, config.graph.robust.constraints
-        for k in range(len(problem.t)):
-            problem.add(k, NAME, factors.nonholonomic(X(k), sigma), robustness)
+        _add_wheels(problem, config)
     _add_rests(problem, mission, config)
+
+
+def _add_wheels(problem: Problem, config: Config) -> None:
+    """Neither sideways nor up, but for how springs let the body pitch as the vehicle speeds up."""
+    settings, speed = config.motion, problem.v_b[:, 0]
+    acceleration = np.gradient(speed, problem.t)
+    effect = []
+    for k in range(len(problem.t)):
+        factor = factors.nonholonomic(X(k), settings.nonholonomic_sigma_m_s)
+        entry = problem.add(k, NAME, factor, config.graph.robust.constraints)
+        # a bow that points up lets the body sink along its own z axis
+        effect.append((entry, np.r_[np.zeros(8), -speed[k] * acceleration[k]]))
+    sigma = float(np.radians(settings.pitch_by_acceleration_sigma_deg_s2_m))
+    if sigma > 0:
+        problem.constants.append(ConstantError("pitch_by_acceleration_rad_s2_m", sigma, effect))
 
 
 def _add_rests(problem: Problem, mission: Mission, config: Config) -> None:

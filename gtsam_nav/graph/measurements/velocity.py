@@ -49,8 +49,8 @@ def _add_increments(problem: Problem, config: Config, yaw_by_motion: bool) -> No
         if yaw_by_motion:
             rotation[2] = 1.0 / (motion.yaw_variance_rad2_s * dt)
         factor = factors.increment(X(k - 1), X(k), R_ab, p_a, rotation, sigma_p)
-        problem.add(k, "velocity", factor, config.graph.robust.velocity)
-        problem.displacements.append(Displacement(k, R_ab, p_a, problem.factors[k][-1].factor))
+        entry = problem.add(k, "velocity", factor, config.graph.robust.velocity)
+        problem.displacements.append(Displacement(k, R_ab, p_a, entry.factor))
 
 
 def add_velocity(problem: Problem, k: int, config: Config) -> None:

@@ -1,0 +1,162 @@
+"""Finding the sensors' timing errors before a mission is estimated.
+
+Gauss-Newton over trajectory and timing errors together, the latter marginalised as constants of the
+whole mission are (`sensor_posterior`). After each step the sensors are moved by what was found and
+the problem is built anew, since a shift changes which readings lie between which keyframes. While a
+clock is off, good readings look like outliers: they start under a kernel that lets everything in,
+and it narrows from round to round as the clocks come right.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import gtsam
+import numpy as np
+
+from gtsam_nav.config import Config
+from gtsam_nav.frames import Array
+from gtsam_nav.graph import factors
+from gtsam_nav.graph.backend import graph_of, solve_batch
+from gtsam_nav.graph.factors import X
+from gtsam_nav.graph.measurements import build_problem
+from gtsam_nav.graph.problem import Problem, Reading
+from gtsam_nav.graph.robust import Robustness
+from gtsam_nav.graph.sensor_posterior import sensor_posterior
+from gtsam_nav.graph.settling import NARROWING, START
+from gtsam_nav.graph.timing import TimingError, Used, timing_effect, timing_errors
+from gtsam_nav.mission import Mission
+from gtsam_nav.preprocess.alignment import Alignment
+from gtsam_nav.preprocess.motion import VehicleMotion, measures_velocity, vehicle_motion
+from gtsam_nav.solution import ClockOffset, Progress
+
+log = logging.getLogger(__name__)
+
+MAX_ROUNDS = 15
+STILL_SIGMAS = 0.1
+"""A timing error that moves by less of its standard deviation has been found."""
+
+
+@dataclass(frozen=True)
+class Clocks:
+    """Timing errors of a mission, and what they were corrected by, shape (m,), s."""
+
+    errors: tuple[TimingError, ...]
+    corrected_s: Array
+
+    def corrected(self, mission: Mission) -> Mission:
+        """The mission with its timing put right."""
+        for error, by_s in zip(self.errors, self.corrected_s.tolist(), strict=True):
+            mission = error.corrected(mission, by_s)
+        return mission
+
+    def moved(self, by_s: Array) -> Clocks:
+        """With more of a correction."""
+        return Clocks(self.errors, self.corrected_s + by_s)
+
+    def describe(self, problem: Problem, used: Used, values: Any) -> None:
+        """Let the problem of a corrected mission estimate what is left, beside its trajectory."""
+        if self.errors:
+            problem.timing = timing_effect(problem, self.errors, self.corrected_s, used, values)
+
+    def offsets(self, constants: Mapping[str, tuple[float, float]]) -> tuple[ClockOffset, ...]:
+        """What was found in all, once the solution says what was left, with its sigma."""
+        found = []
+        for error in self.errors:
+            value, sigma = constants[error.name]
+            found.append(ClockOffset(error.sensor, error.quantity, value, sigma, error.sigma_s))
+        return tuple(found)
+
+
+def find_clocks(
+    mission: Mission,
+    start: Alignment,
+    motion: VehicleMotion,
+    t: Array,
+    config: Config,
+    progress: Progress,
+) -> Clocks:
+    """The timing errors that a mission asks for; without any, nothing is done.
+
+    Parameters
+    ----------
+    start, motion : Alignment, VehicleMotion
+        Of the mission with its timing as it is.
+    t : ndarray, shape (n,)
+        Keyframe times.
+    """
+    errors = timing_errors(mission)
+    clocks = Clocks(errors, np.zeros(len(errors)))
+    if not errors:
+        return clocks
+    values, width, moved, rounds = None, np.inf, np.inf, 0
+    while (moved > STILL_SIGMAS or width > 1.0) and rounds < MAX_ROUNDS:
+        corrected = clocks.corrected(mission)
+        if measures_velocity(mission):
+            motion = vehicle_motion(corrected, start, config.motion)
+        problem = build_problem(corrected, start, motion, t, config)
+        values = _start(problem, values)
+        width = _narrowed(problem, values, width)
+        kernel = START.model_copy(update={"threshold": START.scale * width})
+        _, graph = _factors(problem, values, kernel)
+        values = solve_batch(graph, values, problem.is_stiff)
+        used, graph = _factors(problem, values, kernel)
+        clocks.describe(problem, used, values)
+        posterior = sensor_posterior(graph, values, np.empty(0, dtype=np.int64), problem)
+        step = posterior.calibration.mean[-len(errors) :]
+        sigma = np.sqrt(np.diag(posterior.calibration.cov)[-len(errors) :])
+        moved = float(np.max(np.abs(step) / sigma))
+        clocks, values = clocks.moved(step), posterior.retracted(posterior.mean)
+        rounds += 1
+        log.info("clocks, round %d: %s s, sigmas %s s", rounds, clocks.corrected_s, sigma)
+        progress("clocks", rounds / MAX_ROUNDS)
+    progress("clocks", 1.0)
+    return clocks
+
+
+def _start(problem: Problem, before: Any) -> Any:
+    """The values found before, and the first ones of states that were not among them."""
+    values = gtsam.Values()
+
+    def keep(key: int, first: Any) -> None:
+        if before is not None and before.exists(key):
+            kind = "ConstantBias" if chr(gtsam.Symbol(key).chr()) == "b" else "NavState"
+            first = getattr(before, f"at{kind}")(key)
+        values.insert(key, first)
+
+    for k in range(len(problem.t)):
+        keep(X(k), problem.initial_state(k))
+        for key, first in problem.variables[k]:
+            keep(key, first(values.atNavState))
+    return values
+
+
+def _narrowed(problem: Problem, values: Any, width: float) -> float:
+    """The kernel's scale for the next round: at first as wide as the worst misfit."""
+    if np.isfinite(width):
+        return max(1.0, width / NARROWING)
+    worst = 1.0
+    for reading in _readings(problem):
+        if reading.is_gated:
+            misfit = reading.make(values.atNavState).whitenedError(values)
+            worst = max(worst, float(np.linalg.norm(misfit)))
+    return max(1.0, worst / START.scale)
+
+
+def _readings(problem: Problem) -> list[Reading]:
+    return [reading for brought in problem.readings for reading in brought]
+
+
+def _factors(problem: Problem, values: Any, gated: Robustness) -> tuple[Used, Any]:
+    """Readings with their factors, the gated ones under a kernel; and the whole graph."""
+    graph = graph_of(problem.entries)
+    readings = []
+    for reading in _readings(problem):
+        robustness = gated if reading.is_gated else reading.robustness
+        factor = factors.robust(reading.make(values.atNavState), robustness)
+        readings.append((reading, factor))
+        graph.push_back(factor)
+    return tuple(readings), graph
