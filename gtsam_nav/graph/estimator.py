@@ -48,6 +48,7 @@ from gtsam_nav.sonar.preparation import (
     SonarData,
     deskewed,
     leave_out_defective_sonar,
+    registered_scans,
     sonar_map,
     sonar_turns,
 )
@@ -128,6 +129,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         slow_states=slow_states(problem, values, covariances),
         pose_graph=pose_graph(problem, keyframes, online.matches, scan_keyframe),
         sonar_map=sonar_map(sonar.echoes, trajectory) if sonar else None,
+        scans=registered_scans(mission, sonar) if sonar else None,
         landmarks=landmark_estimates(problem, values, covariances, set(settled.factors.keys())),
         gnss_used=len({(r.sensor, r.index) for r in settled.used if r.reason == POSITION_OUTLIER}),
         n_keyframes=len(t),
