@@ -17,9 +17,9 @@ from gtsam_nav.config import Config
 from gtsam_nav.errors import OutputError
 from gtsam_nav.evaluation import plots
 from gtsam_nav.evaluation import report_tables as tables
+from gtsam_nav.evaluation.histories import foremost
 from gtsam_nav.evaluation.html import Html, element, join
 from gtsam_nav.evaluation.metrics import LEAST_COVERAGE, Metrics, evaluate
-from gtsam_nav.evaluation.plots.style import foremost
 from gtsam_nav.solution import Solution
 from gtsam_nav.writers.run_folder import RECORD
 from gtsam_nav.writers.run_record import RunRecord, read_record
