@@ -63,29 +63,31 @@ def sonar_viewer(sonar: Document | None) -> Html:
     if sonar is None:
         return Html("")
     label = element("span", "simulated sonar", class_="label") if sonar["simulated"] else Html("")
-    scan_bar = element(
+    turn = element(
         "div",
         _button("sonar-earlier", "‹", title="scan before"),
         element("output", id="sonar-which"),
         _button("sonar-later", "›", title="next scan"),
-        class_="bar",
+        class_="bar turn",
     )
-    pair_bar = element(
+    pair = element(
         "div",
         element("label", "loop ", element("select", id="sonar-loop")),
         element("label", "placed by ", element("select", id="sonar-placement")),
-        class_="bar",
-    )
-    boxes = element(
-        "div",
-        _box("sonar-raw", "Raw: beams as the head turned, each at its bearing from the bow."),
-        _box("sonar-scan", "Deskewed: echoes in the level vehicle frame at the scan's time."),
-        _box("sonar-pair", "Pair of a loop: the old scan dark, the new one in colour."),
-        class_="scans",
+        class_="bar pair",
     )
     verdict = element("div", id="sonar-verdict", class_="note", **{"aria-live": "polite"})
+    boxes = element(
+        "div",
+        turn,
+        pair,
+        _box("sonar-raw", "Raw: beams as the head turned, each at its bearing from the bow."),
+        _box("sonar-scan", "Deskewed: echoes in the level vehicle frame at the scan's time."),
+        _box("sonar-pair", "Pair of a loop: the old scan dark, the new one in colour.", verdict),
+        class_="scans",
+    )
     title = element("h2", f"Scans of {sonar['sensor']} ({sonar['method']})", label)
-    return element("section", title, scan_bar, pair_bar, boxes, verdict, id="sonar", hidden="")
+    return element("section", title, boxes, id="sonar", hidden="")
 
 
 def embedded(document: Document, script: str) -> Html:
@@ -108,6 +110,6 @@ def _button(name: str, text: str, **attributes: str) -> Html:
     return element("button", text, type="button", id=name, **attributes)
 
 
-def _box(name: str, caption: str) -> Html:
+def _box(name: str, caption: str, *more: Html) -> Html:
     surface = element("div", class_="surface", id=name)
-    return element("figure", surface, element("figcaption", caption))
+    return element("figure", surface, element("figcaption", caption), *more)

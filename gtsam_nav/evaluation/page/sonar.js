@@ -210,7 +210,7 @@ function nearestBeams(bearingDeg) {
 
 // From deep water to a bright echo, as a pixel.
 function shadeOf(share) {
-  const strength = Math.sqrt(share);
+  const strength = share ** 0.75;
   const [red, green, blue] = [[10, 255], [22, 214], [38, 130]].map(
     ([dark, bright]) => Math.round(dark + strength * (bright - dark)));
   return ((255 << 24) | (blue << 16) | (green << 8) | red) >>> 0;
