@@ -64,16 +64,14 @@ class LayeredCanvas {
     this.draw = { base: drawBase, overlay: drawOverlay };
     this.canvas = { base: element("canvas"), overlay: element("canvas") };
     box.append(this.canvas.base, this.canvas.overlay);
+    this.#measure();
     new ResizeObserver(() => this.#resize()).observe(box);
     darkScheme.addEventListener("change", () => this.redraw());
   }
 
-  get width() {
-    return this.box.clientWidth;
-  }
-
-  get height() {
-    return this.box.clientHeight;
+  // Kept, as asking the box costs time where it is asked for every point.
+  #measure() {
+    [this.width, this.height] = [this.box.clientWidth, this.box.clientHeight];
   }
 
   redraw() {
@@ -92,6 +90,7 @@ class LayeredCanvas {
   }
 
   #resize() {
+    this.#measure();
     const density = devicePixelRatio;
     for (const canvas of Object.values(this.canvas)) {
       canvas.width = Math.round(this.width * density);

@@ -188,7 +188,7 @@ class Chart {
   #follow() {
     this.chart.lines.forEach((line, index) => {
       const k = sampleAt(line, this.state.cursor.value);
-      const sigma = k >= 0 && line.three_sigma ? ` ± ${figure(line.three_sigma[k], 2)}` : "";
+      const sigma = k >= 0 && line.three_sigma ? ` ± ${figure(line.three_sigma[k], 2)} (3σ)` : "";
       this.readings[index].value = k < 0 ? "–" : figure(line.values[k], 2) + sigma;
     });
     this.surface.schedule("overlay");

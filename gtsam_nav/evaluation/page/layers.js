@@ -5,6 +5,8 @@
 
 const PICK_PX = 7;
 const SIGMAS = 3;
+// Landmarks that are drawn with their number; more would hide each other.
+const MOST_NAMED = 60;
 
 function planLayers(plan, colours, state) {
   const layers = [];
@@ -212,7 +214,7 @@ function landmarkLayer(track, colour) {
   return {
     key: `${track.method}-landmarks`,
     label: `${track.method}: landmarks, ${SIGMAS} sigma (${track.landmarks.length})`,
-    mark: "cross",
+    mark: "plus",
     colour,
     visible: true,
     draw(context, view) {
@@ -220,13 +222,11 @@ function landmarkLayer(track, colour) {
       context.lineWidth = 1.2;
       for (const landmark of track.landmarks) {
         const [x, y] = view.toScreen(...landmark.ne);
-        context.beginPath();
-        context.moveTo(x - 4, y);
-        context.lineTo(x + 4, y);
-        context.moveTo(x, y - 4);
-        context.lineTo(x, y + 4);
-        context.stroke();
+        strokePlus(context, x, y, 4);
         strokeEllipse(context, view, landmark.ne, landmark.cov);
+        if (track.landmarks.length > MOST_NAMED) continue;
+        context.fillStyle = themed("ink");
+        context.fillText(landmark.id, x + 5, y - 5);
       }
     },
     pick: (place, view) => pickNearest(track.landmarks,

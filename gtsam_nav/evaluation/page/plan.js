@@ -3,36 +3,36 @@
 const ZOOM_STEP = 1.3;
 const MARGIN_PX = 24;
 
-// Which part of the plan a box shows: its centre (n, e) in m, and pixels for a metre.
+// Which part of the plan a surface shows: its centre (n, e) in m, and pixels for a metre.
 class View {
-  constructor(box) {
-    this.box = box;
+  constructor(surface) {
+    this.surface = surface;
     this.centre = [0, 0];
     this.scale = 1;
   }
 
   toScreen(n, e) {
     return [
-      this.box.clientWidth / 2 + (e - this.centre[1]) * this.scale,
-      this.box.clientHeight / 2 - (n - this.centre[0]) * this.scale,
+      this.surface.width / 2 + (e - this.centre[1]) * this.scale,
+      this.surface.height / 2 - (n - this.centre[0]) * this.scale,
     ];
   }
 
   toPlan(x, y) {
     return [
-      this.centre[0] - (y - this.box.clientHeight / 2) / this.scale,
-      this.centre[1] + (x - this.box.clientWidth / 2) / this.scale,
+      this.centre[0] - (y - this.surface.height / 2) / this.scale,
+      this.centre[1] + (x - this.surface.width / 2) / this.scale,
     ];
   }
 
   fit([lowN, lowE], [highN, highE]) {
-    const width = this.box.clientWidth - 2 * MARGIN_PX, height = this.box.clientHeight - 2 * MARGIN_PX;
+    const width = this.surface.width - 2 * MARGIN_PX, height = this.surface.height - 2 * MARGIN_PX;
     this.centre = [(lowN + highN) / 2, (lowE + highE) / 2];
     this.scale = Math.min(width / Math.max(highE - lowE, 1), height / Math.max(highN - lowN, 1));
   }
 
   // Zoom so that what is under a place on the screen stays there.
-  zoom(factor, x = this.box.clientWidth / 2, y = this.box.clientHeight / 2) {
+  zoom(factor, x = this.surface.width / 2, y = this.surface.height / 2) {
     const [n, e] = this.toPlan(x, y);
     this.scale = Math.min(2000, Math.max(1e-3, this.scale * factor));
     const [newN, newE] = this.toPlan(x, y);
@@ -51,9 +51,9 @@ class Plan {
     this.box = box;
     this.state = state;
     this.bounds = boundsOf(plan);
-    this.view = new View(box);
     this.layers = planLayers(plan, colours, state);
     this.surface = new LayeredCanvas(box, (c) => this.#drawBase(c), (c) => this.#drawOverlay(c));
+    this.view = new View(this.surface);
     this.tip = element("div", { class: "tip", hidden: "" });
     box.append(this.tip);
     toggles.append(...this.layers.map((layer) => this.#toggle(layer)));
@@ -102,10 +102,10 @@ class Plan {
   }
 
   #drawGrid(context) {
-    const { box, view } = this;
+    const { view } = this, { width, height } = this.surface;
     const [highN, lowE] = view.toPlan(0, 0);
-    const [lowN, highE] = view.toPlan(box.clientWidth, box.clientHeight);
-    const { step, digits } = ticks(lowE, highE, box.clientWidth / 90);
+    const [lowN, highE] = view.toPlan(width, height);
+    const { step, digits } = ticks(lowE, highE, width / 90);
     const lines = (low, high) => ticks(low, high, (high - low) / step).values;
     context.strokeStyle = themed("grid");
     context.fillStyle = themed("muted");
@@ -114,18 +114,18 @@ class Plan {
     for (const e of lines(lowE, highE)) {
       const [x] = view.toScreen(0, e);
       context.moveTo(x, 0);
-      context.lineTo(x, box.clientHeight);
-      context.fillText(figure(e, digits), x + 3, box.clientHeight - 5);
+      context.lineTo(x, height);
+      context.fillText(figure(e, digits), x + 3, height - 5);
     }
     for (const n of lines(lowN, highN)) {
       const [, y] = view.toScreen(n, 0);
       context.moveTo(0, y);
-      context.lineTo(box.clientWidth, y);
+      context.lineTo(width, y);
       context.fillText(figure(n, digits), 4, y - 3);
     }
     context.stroke();
     context.textAlign = "right";
-    context.fillText("north up, m", box.clientWidth - 6, 14);
+    context.fillText("north up, m", width - 6, 14);
     context.textAlign = "left";
   }
 
@@ -195,8 +195,8 @@ class Plan {
     this.tip.replaceChildren(...found.lines.map((line) => element("div", {}, line)));
     const [x, y] = place;
     const [width, height] = [this.tip.offsetWidth, this.tip.offsetHeight];
-    this.tip.style.left = `${x + 14 + width > this.box.clientWidth ? x - width - 14 : x + 14}px`;
-    this.tip.style.top = `${Math.max(4, Math.min(y + 12, this.box.clientHeight - height - 4))}px`;
+    this.tip.style.left = `${x + 14 + width > this.surface.width ? x - width - 14 : x + 14}px`;
+    this.tip.style.top = `${Math.max(4, Math.min(y + 12, this.surface.height - height - 4))}px`;
   }
 
   #clicked(place) {
@@ -241,6 +241,7 @@ function drawMark(canvas, layer) {
   context.lineWidth = 2;
   context.setLineDash(layer.mark === "dashes" ? [4, 3] : []);
   if (layer.mark === "cross") strokeCross(context, 11, 6, 4);
+  else if (layer.mark === "plus") strokePlus(context, 11, 6, 5);
   else if (layer.mark === "square") context.strokeRect(7, 2, 8, 8);
   else if (layer.mark === "dots") {
     for (const [x, y] of [[5, 8], [10, 4], [15, 7]]) context.fillRect(x, y, 2.4, 2.4);

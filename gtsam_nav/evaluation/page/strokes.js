@@ -71,6 +71,15 @@ function strokeCross(context, x, y, size) {
   context.stroke();
 }
 
+function strokePlus(context, x, y, size) {
+  context.beginPath();
+  context.moveTo(x - size, y);
+  context.lineTo(x + size, y);
+  context.moveTo(x, y - size);
+  context.lineTo(x, y + size);
+  context.stroke();
+}
+
 // An arrowhead that points where the bow does.
 function drawVehicle(context, x, y, heading, colour) {
   context.save();
