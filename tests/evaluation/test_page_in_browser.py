@@ -10,6 +10,7 @@ import pytest
 import solutions
 from browser import Browser, find_chromium
 
+import gtsam_nav as gn
 from gtsam_nav.config import Config
 from gtsam_nav.evaluation.report import write_report
 from gtsam_nav.evaluation.settings import EvaluationSettings
@@ -225,3 +226,28 @@ def test_a_mission_without_sonar_and_reference_needs_neither(chromium: str, tmp_
         browser.settle()
         assert browser.complaints == []
         assert browser.evaluate("document.getElementById('sonar')") is None
+
+
+@pytest.fixture(scope="module")
+def stpere_page(stpere_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """56 minutes with 219 scans: dead reckoning, and the quickest method that keeps the scans."""
+    mission = gn.open_mission(stpere_folder)
+    found = [gn.estimate(mission, method) for method in ("dr", "scan-match")]
+    return write_report(found, tmp_path_factory.mktemp("stpere"))
+
+
+@pytest.mark.realdata
+def test_an_hour_of_sonar_stays_small(stpere_page: Path) -> None:
+    assert stpere_page.stat().st_size < 6e6
+
+
+@pytest.mark.realdata
+def test_an_hour_of_sonar_opens(chromium: str, stpere_page: Path, tmp_path: Path) -> None:
+    with Browser(chromium, tmp_path / "profile") as browser:
+        browser.open(stpere_page)
+        browser.wait_for(STARTED)
+        browser.settle()
+        assert browser.complaints == []
+        assert browser.evaluate("document.getElementById('sonar-which').value").endswith(" points")
+        browser.picture(tmp_path / "page.png")
+        assert (tmp_path / "page.png").stat().st_size > 50_000
