@@ -19,15 +19,15 @@ INK = "#1d2733"
 MUTED = "#6b7785"
 GRID = "#e4e8ec"
 REFERENCE = "#1d2733"
-ACCEPTED = "#2a9d5c"
-REJECTED = "#d1495b"
+ACCEPTED = "#009e73"
+REJECTED = "#d55e00"
 _METHODS = {
     "graph": "#1f6fb2",
     "dr": "#e07b1a",
-    "ins-ekf": "#8a4fbf",
-    "pose-ekf": "#129490",
-    "scan-match": "#8c7a1f",
-    "landmark-ekf": "#c2478b",
+    "ins-ekf": "#532584",
+    "pose-ekf": "#3ead80",
+    "scan-match": "#9d433e",
+    "landmark-ekf": "#a98ae2",
 }
 
 DPI = 130
