@@ -175,7 +175,7 @@ class Chart {
     context.lineTo(x, bottom);
     context.stroke();
     for (const line of this.chart.lines) {
-      const k = sampleAt(line, t);
+      const k = sampleAt(line.t, t);
       if (k < 0) continue;
       context.beginPath();
       context.arc(this.#toX(line.t[k]), this.#toY(line.values[k]), 3, 0, 2 * Math.PI);
@@ -187,7 +187,7 @@ class Chart {
   // What the lines say at the cursor.
   #follow() {
     this.chart.lines.forEach((line, index) => {
-      const k = sampleAt(line, this.state.cursor.value);
+      const k = sampleAt(line.t, this.state.cursor.value);
       const sigma = k >= 0 && line.three_sigma ? ` ± ${figure(line.three_sigma[k], 2)} (3σ)` : "";
       this.readings[index].value = k < 0 ? "–" : figure(line.values[k], 2) + sigma;
     });
@@ -223,11 +223,4 @@ function bandOf(line, k) {
   if (!line.three_sigma) return undefined;
   const middle = line.band_about_zero ? 0 : line.values[k];
   return [middle - line.three_sigma[k], middle + line.three_sigma[k]];
-}
-
-// The sample nearest to a time; -1 where the line is silent then.
-function sampleAt(line, time) {
-  const k = nearest(line.t, time);
-  const step = (line.t.at(-1) - line.t[0]) / line.t.length;
-  return k >= 0 && Math.abs(line.t[k] - time) <= Math.max(5, 2 * step) ? k : -1;
 }

@@ -46,6 +46,13 @@ function nearest(t, time) {
   return t[after] - time < time - t[after - 1] ? after : after - 1;
 }
 
+// The sample nearest to a time; -1 where there is silence then.
+function sampleAt(t, time) {
+  const k = nearest(t, time);
+  const step = (t.at(-1) - t[0]) / t.length;
+  return k >= 0 && Math.abs(t[k] - time) <= Math.max(5, 2 * step) ? k : -1;
+}
+
 // The value at a time, between the samples around it; held beyond the ends.
 function interpolated(t, values, time) {
   const after = Math.min(t.length - 1, Math.max(1, firstAtOrAfter(t, time)));

@@ -55,7 +55,8 @@ function referenceLayer(reference, state) {
       strokePath(context, view, reference, this.colour(), 1.2);
     },
     overlay(context, view) {
-      const k = nearest(reference.t, state.cursor.value);
+      const k = sampleAt(reference.t, state.cursor.value);
+      if (k < 0) return;
       const [x, y] = view.toScreen(reference.n[k], reference.e[k]);
       context.beginPath();
       context.arc(x, y, 6, 0, 2 * Math.PI);
@@ -78,7 +79,8 @@ function trackLayer(track, colour, state) {
       strokePath(context, view, track, colour(), 1.7);
     },
     overlay(context, view) {
-      const k = nearest(track.t, state.cursor.value);
+      const k = sampleAt(track.t, state.cursor.value);
+      if (k < 0) return;
       context.strokeStyle = colour();
       if (track.sigma_n) {
         const [n, e, r] = [track.sigma_n[k], track.sigma_e[k], track.correlation[k]];

@@ -37,7 +37,7 @@ function drawCloud(context, view, cloud, colour) {
   const pixels = new Uint32Array(picture.data.buffer);
   for (let k = 0; k < counts.length; k++) {
     if (!counts[k]) continue;
-    const alpha = Math.round(255 * (1 - 0.45 ** counts[k]));
+    const alpha = Math.round(255 * (1 - 0.6 ** counts[k]));
     pixels[k] = (alpha << 24) | (blue << 16) | (green << 8) | red;
   }
   const canvas = new OffscreenCanvas(width, height);
