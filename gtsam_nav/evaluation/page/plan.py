@@ -59,7 +59,6 @@ def _reference(solution: Solution) -> Document | None:
 
 def _track(track: Track) -> Document:
     solution = track.solution
-    online = solution.online
     which = every_nth(len(solution.trajectory), MOST_POSES)
     shown = solution.trajectory.select(which)
     turn_deg = math.degrees(math.atan2(track.R[1, 0], track.R[0, 0]))
@@ -73,7 +72,7 @@ def _track(track: Track) -> Document:
         "heading_deg": packed(heading_deg, ANGLE_DEG),
         "loops": [_loop(loop, track) for loop in solution.loops],
         "landmarks": _landmarks(track),
-        "online": None if online is None else packed_path(online.t, track.path_of(online)),
+        "online": _online(track),
     }
     if shown.cov_pose_n is not None:
         cov = track.R @ shown.at_lever_arm(track.lever_b).cov_pose_n[:, :3, :3] @ track.R.T  # type: ignore[index]
@@ -82,6 +81,14 @@ def _track(track: Track) -> Document:
         document["sigma_e"] = packed(sigma[:, 1], PLACE_M)
         document["correlation"] = packed(cov[:, 0, 1] / (sigma[:, 0] * sigma[:, 1]), 1e-3)
     return document
+
+
+def _online(track: Track) -> Document | None:
+    online = track.solution.online
+    if online is None:
+        return None
+    online = online.select(every_nth(len(online), MOST_POSES))
+    return packed_path(online.t, track.path_of(online))
 
 
 def _loop(loop: LoopClosure, track: Track) -> Document:
