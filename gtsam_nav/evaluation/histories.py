@@ -143,6 +143,7 @@ def for_people(name: str) -> tuple[str, str, float]:
         ("_m_s2", "m/s²", 1.0),
         ("_m_s", "m/s", 1.0),
         ("_m", "m", 1.0),
+        ("_s", "s", 1.0),
     ):
         if name.endswith(ending):
             return name.removesuffix(ending).replace("_", " "), unit, factor
