@@ -243,7 +243,8 @@ def _summary(report: _Report) -> Html:
 
 
 def _plan(report: _Report) -> Html:
-    return _section("Plan and time", workbench(), *(_landmarks(s) for s in report.solutions))
+    title = _scored_title(report, "Plan and time")
+    return _section(title, workbench(), *(_landmarks(s) for s in report.solutions))
 
 
 def _scans(report: _Report) -> Html:

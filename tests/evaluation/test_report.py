@@ -89,8 +89,8 @@ def test_names_are_escaped(page: Page, written: Path) -> None:
 
 def test_simulated_sonar_is_labelled_over_every_score(written: Path) -> None:
     text = (written / "report.html").read_text(encoding="utf-8")
-    headings = re.findall(r"<h2>(Scores|Errors)(.*?)</h2>", text)
-    assert len(headings) == 2
+    headings = re.findall(r"<h2>(Scores|Plan and time|Errors|Scans)(.*?)</h2>", text)
+    assert len(headings) == 4
     assert all("simulated sonar" in label for _, label in headings)
 
 

@@ -22,7 +22,7 @@ OLD_BROWSER = (
 
 def workbench() -> Html:
     """Plan and charts side by side, with the cursor over both."""
-    time = element("input", id="time", type="range", step="0.1", **{"aria-label": "time cursor"})
+    time = element("input", id="time", type="range", step="0.5", **{"aria-label": "time cursor"})
     bar = element(
         "div",
         element("label", "time ", time, for_="time"),
