@@ -173,6 +173,39 @@ class SonarMap:
 
 
 @dataclass(frozen=True)
+class SonarScans:
+    """The n scans that a method registered, and where they stand in their sonar's series.
+
+    Attributes
+    ----------
+    sensor : str
+        The sonar in the mission.
+    t : ndarray, shape (n,)
+        Reference times, s: those of `LoopClosure`.
+    first_beam, last_beam : ndarray of int, shape (n,)
+        Scan k is of the samples ``first_beam[k] <= sample < last_beam[k]``.
+    first : ndarray of int, shape (n + 1,)
+        Scan k holds the points ``xy[first[k]:first[k + 1]]``.
+    xy : ndarray, shape (k, 2)
+        Deskewed points in the level vehicle frame (forward, starboard) at their scan's time, m.
+    """
+
+    sensor: str
+    t: Array
+    first_beam: IntArray
+    last_beam: IntArray
+    first: IntArray
+    xy: Array
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def points(self, k: int) -> Array:
+        """Points of scan k, shape (m, 2)."""
+        return self.xy[self.first[k] : self.first[k + 1]]
+
+
+@dataclass(frozen=True)
 class LandmarkEstimates:
     """Landmarks in local NED: ids (k,), positions (k, 3) m, covariances (k, 3, 3) m^2.
 
@@ -229,6 +262,7 @@ class Solution:
     robust_weights: Mapping[str, RobustWeights] = field(default_factory=dict)
     pose_graph: PoseGraph | None = None
     sonar_map: SonarMap | None = None
+    scans: SonarScans | None = None
     landmarks: LandmarkEstimates | None = None
     gnss_used: int = 0
     gnss_withheld: int = 0

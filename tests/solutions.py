@@ -34,6 +34,7 @@ from gtsam_nav.solution import (
     SlowStates,
     Solution,
     SonarMap,
+    SonarScans,
 )
 from gtsam_nav.trajectory import Trajectory
 
@@ -121,7 +122,8 @@ def mission(sources: tuple[Path, ...] = ()) -> Mission:
         "beams": BeamSeries(
             t=beams,
             angle=np.linspace(0, 60, len(beams)) % (2 * np.pi),
-            intensity=np.zeros((len(beams), 4), dtype=np.uint8),
+            intensity=np.tile(np.array([0, 40, 240, 9], dtype=np.uint8), (len(beams), 1)),
+            resolution_m=5.0,
         ),
         "gnss": GnssSeries(t=fixes, p_n=true_pose(fixes)[0], sigma=np.ones((60, 3))),
     }
@@ -168,6 +170,7 @@ def graph_solution(sources: tuple[Path, ...] = ()) -> Solution:
         },
         pose_graph=pose_graph(keyframes),
         sonar_map=_walls(),
+        scans=registered_scans(),
         landmarks=landmark_estimates(),
         gnss_used=60,
         gnss_withheld=540,
@@ -214,6 +217,22 @@ def landmark_estimates() -> LandmarkEstimates:
     cov_n[2, 0, 1] = cov_n[2, 1, 0] = 0.2
     p_n = np.array([[10.0, 20.0, 1.0], [-30.0, 5.0, 1.0], [0.0, -12.5, 2.0]])
     return LandmarkEstimates(np.array([7, 3, 12]), p_n, cov_n)
+
+
+def registered_scans() -> SonarScans:
+    """The scans of the loops: seven seconds of beams each, forty points about the vehicle."""
+    t = np.unique([time for loop in _loops() for time in (loop.t_a, loop.t_b)])
+    middle = np.round(2 * t).astype(np.int64)
+    bearing = np.tile(np.linspace(0.0, 2 * np.pi, 40, endpoint=False), len(t))
+    range_m = 12.0 + 6.0 * np.cos(3.0 * bearing)
+    return SonarScans(
+        sensor="beams",
+        t=t,
+        first_beam=middle - 7,
+        last_beam=middle + 7,
+        first=40 * np.arange(len(t) + 1),
+        xy=np.column_stack([range_m * np.cos(bearing), range_m * np.sin(bearing)]),
+    )
 
 
 def without_origin(solution: Solution) -> Solution:

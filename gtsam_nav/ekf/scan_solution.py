@@ -19,7 +19,7 @@ from gtsam_nav.frames import (
 )
 from gtsam_nav.series import IntArray
 from gtsam_nav.solution import Innovations, PoseGraph, PoseGraphEdge, Solution, StageClock
-from gtsam_nav.sonar.preparation import sonar_map
+from gtsam_nav.sonar.preparation import registered_scans, sonar_map
 from gtsam_nav.sonar.scans import planar_rotations
 from gtsam_nav.trajectory import Trajectory
 
@@ -74,6 +74,7 @@ def scan_solution(
         innovations=innovations,
         pose_graph=pose_graph(track, trajectory, used),
         sonar_map=sonar_map(track.sonar.echoes, trajectory),
+        scans=registered_scans(track.mission, track.sonar),
         gnss_used=fixes_used(track.mission, track.start),
         n_keyframes=len(track),
         stage_s=clock.seconds,

@@ -12,10 +12,15 @@ class Html(str):
     __slots__ = ()
 
 
-def element(name: str, *content: str | Html, **attributes: str) -> Html:
+VOID = ("img", "input", "meta")
+"""Elements without content."""
+
+
+def element(name: str, /, *content: str | Html, **attributes: str) -> Html:
     """An element with its content; ``class_`` stands for the attribute ``class``."""
     given = "".join(f' {key.rstrip("_")}="{escape(v)}"' for key, v in attributes.items())
-    return Html(f"<{name}{given}>{join(content)}</{name}>")
+    begin = f"<{name}{given}>"
+    return Html(begin if name in VOID else f"{begin}{join(content)}</{name}>")
 
 
 def join(pieces: Iterable[str | Html]) -> Html:

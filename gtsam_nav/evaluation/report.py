@@ -7,7 +7,6 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,9 +16,12 @@ from gtsam_nav.config import Config
 from gtsam_nav.errors import OutputError
 from gtsam_nav.evaluation import plots
 from gtsam_nav.evaluation import report_tables as tables
+from gtsam_nav.evaluation.histories import foremost
 from gtsam_nav.evaluation.html import Html, element, join
 from gtsam_nav.evaluation.metrics import LEAST_COVERAGE, Metrics, evaluate
-from gtsam_nav.evaluation.plots.style import foremost
+from gtsam_nav.evaluation.page import asset, page_document, script
+from gtsam_nav.evaluation.page.columns import Document
+from gtsam_nav.evaluation.page.skeleton import embedded, policy, sonar_viewer, workbench
 from gtsam_nav.solution import Solution
 from gtsam_nav.writers.run_folder import RECORD
 from gtsam_nav.writers.run_record import RunRecord, read_record
@@ -37,20 +39,27 @@ class _Report:
     metrics: dict[str, Metrics]
     whole: dict[str, Metrics]
     records: dict[str, RunRecord]
+    document: Document
     plots_folder: Path
 
     @property
     def simulated(self) -> bool:
         return any(m.sonar == "simulated" for m in self.metrics.values())
 
-    def figure(self, name: str, made: Figure | None, caption: str, class_: str = "") -> Html:
-        """A figure, written beside the page and embedded in it; nothing where there is none."""
+    def beside(self, name: str, made: Figure | None) -> Path | None:
+        """Write a figure beside the page; None where there is none."""
         if made is None:
+            return None
+        return plots.save_png(made, self.plots_folder / f"{name}.png")
+
+    def figure(self, name: str, made: Figure | None, caption: str) -> Html:
+        """A figure, written beside the page and embedded in it; nothing where there is none."""
+        path = self.beside(name, made)
+        if path is None:
             return Html("")
-        png = plots.save_png(made, self.plots_folder / f"{name}.png").read_bytes()
-        source = f"data:image/png;base64,{base64.b64encode(png).decode('ascii')}"
-        image = Html(element("img", src=source, alt=caption).removesuffix("</img>"))
-        return element("figure", image, element("figcaption", caption), class_=class_)
+        source = f"data:image/png;base64,{base64.b64encode(path.read_bytes()).decode('ascii')}"
+        image = element("img", src=source, alt=caption)
+        return element("figure", image, element("figcaption", caption))
 
 
 def write_report(
@@ -92,10 +101,12 @@ def write_report(
         metrics={s.method: evaluate(s, window_s=window_s) for s in solutions},
         whole={s.method: evaluate(s) for s in solutions} if window_s else {},
         records=_records(solutions, folder),
+        document=page_document(solutions, window_s),
         plots_folder=folder / "plots",
     )
     try:
         report.plots_folder.mkdir(parents=True, exist_ok=True)
+        _figures_beside(report)
         page, draft = folder / "report.html", folder / ".report.html.draft"
         draft.write_text(_page(report), encoding="utf-8", newline="\n")
         os.replace(draft, page)  # noqa: PTH105
@@ -111,20 +122,33 @@ def _records(solutions: Sequence[Solution], folder: Path) -> dict[str, RunRecord
 
 def _page(report: _Report) -> str:
     title = f"{report.solutions[0].mission.name}: navigation report"
-    css = files("gtsam_nav.evaluation").joinpath("report.css").read_text(encoding="utf-8")
     sections: Sequence[Callable[[_Report], Html]] = (
-        _header, _banners, _summary, _plan, _errors, _consistency, _heading, _loops, _sensors,
+        _header, _banners, _summary, _plan, _scans, _errors, _consistency, _loops, _sensors,
         _provenance,
     )  # fmt: skip
     head = element(
         "head",
-        Html('<meta charset="utf-8">'),
-        Html('<meta name="viewport" content="width=device-width, initial-scale=1">'),
+        element("meta", charset="utf-8"),
+        element("meta", name="viewport", content="width=device-width, initial-scale=1"),
+        element("meta", **{"http-equiv": "Content-Security-Policy"}, content=policy(script())),
         element("title", title),
-        element("style", Html(css)),
+        element("style", Html(asset("report.css"))),
     )
-    body = element("body", element("main", *(section(report) for section in sections)))
+    main = element("main", *(section(report) for section in sections))
+    body = element("body", main, embedded(report.document, script()))
     return "<!doctype html>\n" + element("html", head, body, lang="en") + "\n"
+
+
+def _figures_beside(report: _Report) -> None:
+    """The figures that the page draws itself, as pictures for other documents."""
+    window_s = report.config.evaluation.window_s
+    report.beside("plan_view", plots.plan_view(report.solutions))
+    report.beside("horizontal_errors", plots.horizontal_errors(report.solutions, window_s))
+    report.beside("heading", plots.heading_errors(report.solutions))
+    for s in report.solutions:
+        report.beside(f"position_errors_{s.method}", plots.position_errors(s, window_s))
+        report.beside(f"compass_bias_{s.method}", plots.compass_bias(s))
+        report.beside(f"slow_states_{s.method}", plots.slow_states(s))
 
 
 def _section(title: str | Html, *content: str | Html) -> Html:
@@ -219,10 +243,12 @@ def _summary(report: _Report) -> Html:
 
 
 def _plan(report: _Report) -> Html:
-    caption = "Plan view: north up, east right, equal scales."
-    made = plots.plan_view(report.solutions)
-    figure = report.figure("plan_view", made, caption, "plan")
-    return _section("Plan view", figure, *(_landmarks(s) for s in report.solutions))
+    title = _scored_title(report, "Plan and time")
+    return _section(title, workbench(), *(_landmarks(s) for s in report.solutions))
+
+
+def _scans(report: _Report) -> Html:
+    return sonar_viewer(report.document["sonar"])
 
 
 def _landmarks(solution: Solution) -> Html:
@@ -239,21 +265,10 @@ def _landmarks(solution: Solution) -> Html:
 
 
 def _errors(report: _Report) -> Html:
-    window_s = report.config.evaluation.window_s
-    compared = plots.horizontal_errors(report.solutions, window_s)
-    if compared is None:
+    if all(s.reference is None for s in report.solutions):
         return Html("")
-    figures = [
-        report.figure("horizontal_errors", compared, "Horizontal error against time, all methods.")
-    ]
-    for s in report.solutions:
-        made = plots.position_errors(s, window_s)
-        after = "with three sigma" if s.georeferenced else "after the SE(2) alignment"
-        caption = f"{s.method}: error north, east and horizontal, {after}."
-        figures.append(report.figure(f"position_errors_{s.method}", made, caption))
     return _section(
         _scored_title(report, "Errors"),
-        *figures,
         element("h3", "Absolute error (m)"),
         tables.error_table(report.metrics),
         element("h3", "Relative error, drift and heading"),
@@ -281,17 +296,6 @@ def _consistency(report: _Report) -> Html:
         element("p", note, class_="note"),
         *figures,
     )
-
-
-def _heading(report: _Report) -> Html:
-    caption = "Heading of each method, and of the compass as it reads."
-    figures = [report.figure("heading", plots.heading_errors(report.solutions), caption)]
-    for s in report.solutions:
-        caption = f"{s.method}: estimated compass bias, with three sigma."
-        figures.append(report.figure(f"compass_bias_{s.method}", plots.compass_bias(s), caption))
-        caption = f"{s.method}: other estimated biases, with three sigma."
-        figures.append(report.figure(f"slow_states_{s.method}", plots.slow_states(s), caption))
-    return _section("Heading and biases", *figures)
 
 
 def _loops(report: _Report) -> Html:

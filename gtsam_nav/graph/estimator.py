@@ -60,6 +60,7 @@ from gtsam_nav.sonar.preparation import (
     SonarData,
     deskewed,
     leave_out_defective_sonar,
+    registered_scans,
     sonar_map,
     sonar_turns,
 )
@@ -163,6 +164,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         clock_offsets=clock_offsets,
         pose_graph=pose_graph(problem, keyframes, matches, scan_keyframe),
         sonar_map=sonar_map(sonar.echoes, trajectory) if sonar else None,
+        scans=registered_scans(mission, sonar) if sonar else None,
         landmarks=landmark_estimates(problem, values, covariances, set(settled.factors.keys())),
         gnss_used=believed,
         n_keyframes=len(t),

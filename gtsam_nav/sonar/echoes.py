@@ -86,10 +86,7 @@ def segment(sonar: Sensor, settings: SegmentationSettings) -> Echoes:
         settings.max_echoes,
     )
     range_m = (bin_centre + 0.5) * beams.resolution_m
-    mounting_yaw = np.arctan2(sonar.R_bs[1, 0], sonar.R_bs[0, 0])
-    # a sonar mounted upside down turns the other way
-    direction = np.sign(sonar.R_bs[2, 2]) or 1.0
-    bearing = wrap_angle(mounting_yaw + direction * beams.angle[beam])
+    bearing = beam_bearings(sonar, beams.angle[beam])
     ray = np.stack([np.cos(bearing), np.sin(bearing)], axis=1)
     noise = SonarNoise.model_validate(sonar.noise)
     return Echoes(
@@ -99,6 +96,14 @@ def segment(sonar: Sensor, settings: SegmentationSettings) -> Echoes:
         cov_b=_polar_covariance(range_m, ray, noise),
         strength=strength,
     )
+
+
+def beam_bearings(sonar: Sensor, angle: Array) -> Array:
+    """Bearings of beams from the bow, rad clockwise, from their head angles."""
+    mounting_yaw = np.arctan2(sonar.R_bs[1, 0], sonar.R_bs[0, 0])
+    # a sonar mounted upside down turns the other way
+    direction = np.sign(sonar.R_bs[2, 2]) or 1.0
+    return np.asarray(wrap_angle(mounting_yaw + direction * angle))
 
 
 def echoes_of_scans(sensor: Sensor) -> Echoes:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gtsam_nav.mission import Mission, Rejection, Sensor
-from gtsam_nav.solution import SonarMap
+from gtsam_nav.solution import SonarMap, SonarScans
 from gtsam_nav.sonar.defects import WHOLE_SENSOR, sonar_defect
 from gtsam_nav.sonar.echoes import Echoes, echoes_of_scans, segment
 from gtsam_nav.sonar.motion import PlanarMotion
@@ -76,6 +76,22 @@ def deskewed(echoes: Echoes, turns: Turns, motion: PlanarMotion) -> SonarData:
     """The echoes that lie in a turn, and the scans that they make once the motion is taken out."""
     echoes = echoes.select(turns.hold(echoes.beam))
     return SonarData(echoes, turns, form_scans(echoes, turns, motion))
+
+
+def registered_scans(mission: Mission, data: SonarData) -> SonarScans | None:
+    """The scans as they were registered, for the record; None without a sonar in the mission."""
+    sonar = mission.first("beams") or mission.first("scans")
+    if sonar is None:
+        return None
+    sizes = [len(scan) for scan in data.scans]
+    return SonarScans(
+        sensor=sonar.name,
+        t=data.turns.t_ref,
+        first_beam=data.turns.first,
+        last_beam=data.turns.last,
+        first=np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
+        xy=np.concatenate([scan.xy for scan in data.scans]),
+    )
 
 
 def sonar_map(echoes: Echoes, trajectory: Trajectory) -> SonarMap:

@@ -1,20 +1,21 @@
-"""The sonar map: points as PLY, and a north-up picture with a world file."""
+"""The sonar map: points as PLY, and its occupancy as a north-up picture with a world file."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, Origin, geodetic_from_ned
 from gtsam_nav.solution import SonarMap
+from gtsam_nav.sonar.occupancy import OccupancyGrid
 from gtsam_nav.writers.frame import Frame, express_points
 
-LEAST_PIXEL_M = 0.2
-MOST_PIXELS = 4000
-"""Along a side; a larger map gets larger pixels."""
+OCCUPIED, UNKNOWN, FREE = 0, 205, 254
+"""Greys of the picture, as map servers have them."""
+FREE_BELOW, OCCUPIED_ABOVE = 0.25, 0.65
+"""Probabilities of being occupied beyond which a cell is said to be one or the other."""
 
 PLY_POINT = np.dtype([("x", "<f8"), ("y", "<f8"), ("z", "<f8"), ("t", "<f8"), ("intensity", "u1")])
 
@@ -63,33 +64,21 @@ def read_ply(path: Path) -> SonarMap:
     )
 
 
-def write_map_image(sonar_map: SonarMap, origin: Origin | None, path: Path) -> None:
-    """Write a north-up picture of the map, and beside it the world file ``.pgw``.
+def write_map_image(grid: OccupancyGrid, origin: Origin | None, path: Path) -> None:
+    """Write a north-up picture of the occupancy, and beside it the world file ``.pgw``.
 
-    The world file is in degrees (WGS-84) where there is an origin, else in metres (x east,
-    y north). Dark is where strong echoes fell often.
+    Black is occupied, white is free, grey is unknown. The world file is in degrees (WGS-84) where
+    there is an origin, else in metres (x east, y north).
     """
     from matplotlib.image import imsave
 
-    ne = sonar_map.points_n[:, :2]
-    low, high = ne.min(axis=0), ne.max(axis=0)
-    pixel_m = max(LEAST_PIXEL_M, float(np.max(high - low)) / MOST_PIXELS)
-    rows, columns = (np.floor((high - low) / pixel_m).astype(int) + 1).tolist()
-    row = np.floor((high[0] - ne[:, 0]) / pixel_m).astype(int)
-    column = np.floor((ne[:, 1] - low[1]) / pixel_m).astype(int)
-    density = np.zeros((rows, columns))
-    np.add.at(density, (row, column), sonar_map.strength / 255.0)
-    imsave(path, _ink(density), cmap="gray", vmin=0, vmax=255)
-    corner_ne = np.array([high[0], low[1]]) + 0.5 * pixel_m * np.array([-1.0, 1.0])
+    grey = np.full(grid.probability.shape, UNKNOWN, dtype=np.uint8)
+    grey[grid.probability < FREE_BELOW] = FREE
+    grey[grid.probability > OCCUPIED_ABOVE] = OCCUPIED
+    imsave(path, grey, cmap="gray", vmin=0, vmax=255)
     path.with_suffix(".pgw").write_text(
-        _world_file(corner_ne, pixel_m, origin), encoding="ascii", newline="\n"
+        _world_file(grid.first_ne, grid.cell_m, origin), encoding="ascii", newline="\n"
     )
-
-
-def _ink(density: Array) -> NDArray[np.uint8]:
-    """White where nothing fell, darker the more did; a quarter of white is left at the median."""
-    median = float(np.median(density[density > 0])) if np.any(density > 0) else 1.0
-    return np.asarray(255.0 * 0.25 ** (density / median)).astype(np.uint8)
 
 
 def _world_file(corner_ne: Array, pixel_m: float, origin: Origin | None) -> str:

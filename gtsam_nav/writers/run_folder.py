@@ -19,6 +19,7 @@ from gtsam_nav.config import Config
 from gtsam_nav.errors import DataError, OutputError
 from gtsam_nav.evaluation.metrics import Metrics, evaluate
 from gtsam_nav.solution import LandmarkEstimates, Solution
+from gtsam_nav.sonar.occupancy import OccupancyGrid, occupancy_grid
 from gtsam_nav.trajectory import Trajectory
 from gtsam_nav.writers.geo import write_geojson
 from gtsam_nav.writers.point_map import write_map_image, write_ply
@@ -191,7 +192,7 @@ def _write_results(solution: Solution, draft: Path) -> dict[str, str]:
         skipped |= dict.fromkeys(("graph.g2o", "vertex_times.csv"), absent)
     if solution.sonar_map is not None and len(solution.sonar_map.t):
         write_ply(solution.sonar_map, draft / "map.ply")
-        write_map_image(solution.sonar_map, solution.mission.origin, draft / "map.png")
+        write_map_image(_occupancy(solution), solution.mission.origin, draft / "map.png")
     else:
         absent = "no echo was mapped" if solution.sonar_map else "the method makes no map"
         skipped |= dict.fromkeys(("map.ply", "map.png", "map.pgw"), absent)
@@ -206,6 +207,14 @@ def _write_results(solution: Solution, draft: Path) -> dict[str, str]:
     else:
         skipped |= dict.fromkeys(("nav.csv", "track.geojson"), "the mission has no geodetic origin")
     return skipped
+
+
+def _occupancy(solution: Solution) -> OccupancyGrid:
+    """Occupancy of the map as the sonar saw it; from the body's origin where no sonar is known."""
+    assert solution.sonar_map is not None
+    sonar = solution.scans and solution.mission.sensors.get(solution.scans.sensor)
+    lever_b = sonar.xyz_b if sonar else np.zeros(3)
+    return occupancy_grid(solution.sonar_map, solution.trajectory, lever_b)
 
 
 def _write_metrics(metrics: Metrics, path: Path) -> None:

@@ -179,6 +179,10 @@ def test_every_candidate_is_on_record() -> None:
     assert any("overlap" in loop.reason for loop in solution.loops)
     revisits = [loop for loop in solution.loops if loop.t_b - loop.t_a > 60.0]
     assert len(revisits) > 10
+    scans = solution.scans
+    assert scans is not None
+    assert {t for loop in solution.loops for t in (loop.t_a, loop.t_b)} <= set(scans.t)
+    assert min(len(scans.points(k)) for k in range(len(scans))) > 0
     graph = solution.pose_graph
     assert graph is not None
     used = sum(loop.verdict == "accepted" for loop in solution.loops)

@@ -13,7 +13,8 @@ from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 
 from gtsam_nav.evaluation import plots
-from gtsam_nav.evaluation.plots.style import broken, foremost, method_colour
+from gtsam_nav.evaluation.histories import foremost
+from gtsam_nav.evaluation.plots.style import broken, method_colour
 from gtsam_nav.evaluation.plots.timeline import spans_without_gaps
 from gtsam_nav.frames import quaternion_from_rotation, rotation_from_quaternion
 from gtsam_nav.mission import LandmarkMap

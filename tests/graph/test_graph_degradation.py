@@ -182,6 +182,11 @@ def test_every_candidate_loop_has_a_verdict(mission: Mission) -> None:
         else:
             assert loop.reason
             assert loop.weight is None
+    scans = solution.scans
+    assert scans is not None
+    assert {t for loop in solution.loops for t in (loop.t_a, loop.t_b)} <= set(scans.t)
+    beams = solution.mission.sensors[scans.sensor].series.t
+    np.testing.assert_array_equal(beams[(scans.first_beam + scans.last_beam) // 2], scans.t)
     counts = gn.evaluate(solution).loops
     assert counts.proposed == len(solution.loops) == counts.accepted + counts.rejected
 

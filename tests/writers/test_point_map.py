@@ -12,7 +12,16 @@ from matplotlib.image import imread
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, ned_from_geodetic
 from gtsam_nav.solution import SonarMap
-from gtsam_nav.writers.point_map import LEAST_PIXEL_M, read_ply, write_map_image, write_ply
+from gtsam_nav.sonar.occupancy import LEAST_CELL_M, OccupancyGrid, occupancy_grid
+from gtsam_nav.trajectory import Trajectory
+from gtsam_nav.writers.point_map import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    read_ply,
+    write_map_image,
+    write_ply,
+)
 
 
 @pytest.fixture(scope="module")
@@ -54,30 +63,43 @@ def pixels_to_world(path: Path, row_column: Array) -> Array:
     return np.column_stack([a * column + b * row + c, d * column + e * row + f])
 
 
-def dark_pixels(path: Path) -> Array:
-    return np.argwhere(imread(path)[:, :, 0] < 0.9)
+def pixels_of(path: Path, grey: int) -> Array:
+    """Rows and columns of the pixels of a grey."""
+    return np.argwhere(np.round(255 * imread(path)[:, :, 0]) == grey)
+
+
+def standing_at(ne: tuple[float, float]) -> Trajectory:
+    """Level at a point, north ahead, for longer than any map here took."""
+    return Trajectory(
+        t=np.array([0.0, 1e4]),
+        p_n=np.array([[*ne, 0.0]] * 2),
+        q_nb_wxyz=np.array([[1.0, 0, 0, 0]] * 2),
+    )
 
 
 @pytest.mark.parametrize("geodetic", [False, True])
-def test_every_dark_pixel_lies_on_an_echo(echoes: SonarMap, tmp_path: Path, geodetic: bool) -> None:
+def test_every_occupied_pixel_lies_on_an_echo(
+    echoes: SonarMap, tmp_path: Path, geodetic: bool
+) -> None:
     origin = solutions.ORIGIN if geodetic else None
-    write_map_image(echoes, origin, tmp_path / "map.png")
-    xy = pixels_to_world(tmp_path / "map.pgw", dark_pixels(tmp_path / "map.png"))
+    grid = occupancy_grid(echoes, standing_at((0.0, 0.0)), np.zeros(3))
+    write_map_image(grid, origin, tmp_path / "map.png")
+    occupied = pixels_of(tmp_path / "map.png", OCCUPIED)
+    xy = pixels_to_world(tmp_path / "map.pgw", occupied)
     ne = xy[:, ::-1]
     if geodetic:
         ne = ned_from_geodetic(xy[:, 1], xy[:, 0], np.zeros(len(xy)), solutions.ORIGIN)[:, :2]
     nearest = [np.min(np.max(np.abs(echoes.points_n[:, :2] - point), axis=1)) for point in ne[::37]]
     assert len(nearest) > 20
-    assert max(nearest) <= 0.5 * LEAST_PIXEL_M + 2e-3
+    assert max(nearest) <= 0.5 * LEAST_CELL_M + 2e-3
 
 
-def test_a_large_map_gets_larger_pixels(tmp_path: Path) -> None:
-    far = SonarMap(
-        points_n=np.array([[0.0, 0, 0], [5000.0, 40.0, 0]]),
-        t=np.array([0.0, 1.0]),
-        strength=np.array([200.0, 200.0]),
-    )
-    write_map_image(far, None, tmp_path / "map.png")
-    assert max(imread(tmp_path / "map.png").shape) <= 4001
-    step = float((tmp_path / "map.pgw").read_text().split()[0])
-    assert step == pytest.approx(1.25)
+def test_the_picture_says_free_unknown_and_occupied(tmp_path: Path) -> None:
+    probability = np.array([[0.1, 0.5, np.nan], [0.24, 0.66, 1.0]])
+    grid = OccupancyGrid(probability, first_ne=np.array([20.0, -3.0]), cell_m=0.5)
+    write_map_image(grid, None, tmp_path / "map.png")
+    for grey, expected in (
+        (FREE, [[0, 0], [1, 0]]), (UNKNOWN, [[0, 1], [0, 2]]), (OCCUPIED, [[1, 1], [1, 2]]),
+    ):  # fmt: skip
+        np.testing.assert_array_equal(pixels_of(tmp_path / "map.png", grey), expected)
+    assert pixels_to_world(tmp_path / "map.pgw", np.array([[1, 2]])).tolist() == [[-2.0, 19.5]]

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gtsam_nav.evaluation.alignment import align
-from gtsam_nav.evaluation.matching import match
+from gtsam_nav.evaluation.histories import ranked
 from gtsam_nav.evaluation.metrics import reference_series
 from gtsam_nav.evaluation.plots.landmarks import DrawnLandmarks, draw_landmarks, draw_survey
 from gtsam_nav.evaluation.plots.style import (
@@ -22,8 +21,8 @@ from gtsam_nav.evaluation.plots.style import (
     label,
     method_colour,
     new_figure,
-    ranked,
 )
+from gtsam_nav.evaluation.tracks import Track, track_of
 from gtsam_nav.frames import Array
 from gtsam_nav.series import GnssSeries
 from gtsam_nav.solution import Solution
@@ -39,32 +38,13 @@ ECHO = "#93a3b1"
 FIX = "#8a4fbf"
 
 
-@dataclass(frozen=True)
-class _Track:
-    """A solution as drawn: its path at the reference's antenna, moved by R, p where need be."""
-
-    solution: Solution
-    R: Array
-    p: Array
-    path_n: Array
-    note: str
-
-    def place(self, points_n: Array) -> Array:
-        return points_n @ self.R.T + self.p
-
-    def at(self, t: Array) -> Array:
-        """East and north of the path at times, each of the shape of t."""
-        own = self.solution.trajectory.t
-        return np.stack([np.interp(t, own, self.path_n[:, axis]) for axis in (1, 0)])
-
-
 def plan_view(solutions: Sequence[Solution]) -> Figure:
     """Reference, trajectories, sonar map, loops by verdict, landmarks; north up, axes equal.
 
     The map, the loops and the landmarks are those of the foremost solution that has them. One
     without absolute positions is drawn after its SE(2) alignment, and the legend says so.
     """
-    tracks = [_track(solution) for solution in ranked(solutions)]
+    tracks = [track_of(solution) for solution in ranked(solutions)]
     chosen = tracks[0].solution
     truth = chosen.reference and reference_series(chosen.reference)
     owner = next((track for track in tracks if len(_echoes(track))), tracks[0])
@@ -113,20 +93,7 @@ def plan_view(solutions: Sequence[Solution]) -> Figure:
     return figure
 
 
-def _track(solution: Solution) -> _Track:
-    R, p, note = np.eye(3), np.zeros(3), ""
-    trajectory, reference = solution.trajectory, solution.reference
-    if reference is not None:
-        if not solution.georeferenced:
-            matched = match(trajectory, reference_series(reference), reference.xyz_b)
-            aligned = align(matched, "se2") if matched else None
-            if aligned is not None:
-                R, p, note = aligned.R, aligned.p, " (SE(2)-aligned)"
-        trajectory = trajectory.at_lever_arm(reference.xyz_b)
-    return _Track(solution, R, p, trajectory.p_n @ R.T + p, note)
-
-
-def _landmarks(track: _Track) -> DrawnLandmarks | None:
+def _landmarks(track: Track) -> DrawnLandmarks | None:
     """The track's landmarks where they are drawn; None without any."""
     found = track.solution.landmarks
     if found is None or not len(found.id):
@@ -135,7 +102,7 @@ def _landmarks(track: _Track) -> DrawnLandmarks | None:
     return DrawnLandmarks(placed, method_colour(track.solution.method))
 
 
-def _echoes(track: _Track) -> Array:
+def _echoes(track: Track) -> Array:
     """The track's sonar map where it is drawn, thinned; empty without one."""
     sonar_map = track.solution.sonar_map
     if sonar_map is None:
@@ -175,7 +142,7 @@ def _draw_fixes(ax: Axes, solution: Solution) -> None:
         ax.plot(e, n, ".", markersize=4, color=FIX, alpha=0.6, label="GNSS used")
 
 
-def _draw_loops(ax: Axes, track: _Track) -> None:
+def _draw_loops(ax: Axes, track: Track) -> None:
     from matplotlib.collections import LineCollection
 
     for verdict, colour, width, alpha in (

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from gtsam_nav.evaluation.histories import line_starts
 from gtsam_nav.frames import Array
-from gtsam_nav.solution import Solution
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,39 +19,23 @@ INK = "#1d2733"
 MUTED = "#6b7785"
 GRID = "#e4e8ec"
 REFERENCE = "#1d2733"
-ACCEPTED = "#2a9d5c"
-REJECTED = "#d1495b"
+ACCEPTED = "#009e73"
+REJECTED = "#d55e00"
 _METHODS = {
     "graph": "#1f6fb2",
     "dr": "#e07b1a",
-    "ins-ekf": "#8a4fbf",
-    "pose-ekf": "#129490",
-    "scan-match": "#8c7a1f",
-    "landmark-ekf": "#c2478b",
+    "ins-ekf": "#532584",
+    "pose-ekf": "#3ead80",
+    "scan-match": "#9d433e",
+    "landmark-ekf": "#a98ae2",
 }
 
-_FOREMOST = ("graph", "pose-ekf", "landmark-ekf", "ins-ekf")
-
 DPI = 130
-BREAK_S = 5.0
-BREAK_PERIODS = 3.0
-"""Lines are not drawn over silences that are longer than both."""
 
 
 def method_colour(method: str) -> str:
     """The colour of a method, the same in every figure and table."""
     return _METHODS.get(method, MUTED)
-
-
-def foremost(solutions: Sequence[Solution]) -> Solution:
-    """The solution that the others are held against: the graph's, else a SLAM filter's."""
-    return ranked(solutions)[0]
-
-
-def ranked(solutions: Sequence[Solution]) -> list[Solution]:
-    """The solutions with the foremost first."""
-    rank = {method: k for k, method in enumerate(_FOREMOST)}
-    return sorted(solutions, key=lambda s: rank.get(s.method, len(rank)))
 
 
 def new_figure(
@@ -100,9 +83,7 @@ def add_legend(ax: Axes, markerscale: float = 1.0, beside: bool = False) -> None
 
 def broken(t: Array, *values: Array) -> list[Array]:
     """Time and values with a NaN inside every silence, so that lines break there."""
-    steps = np.diff(t)
-    longest = max(BREAK_S, BREAK_PERIODS * float(np.median(steps))) if len(steps) else BREAK_S
-    at = np.flatnonzero(steps > longest) + 1
+    at = line_starts(t)
     return [np.insert(np.asarray(column, dtype=float), at, np.nan) for column in (t, *values)]
 
 

@@ -1,0 +1,217 @@
+"""What the page is given to draw, apart from how a browser draws it."""
+
+from __future__ import annotations
+
+import base64
+import json
+import zlib
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import solutions
+
+from gtsam_nav.evaluation.histories import error_history
+from gtsam_nav.evaluation.html import Html, element
+from gtsam_nav.evaluation.page import page_document, script
+from gtsam_nav.evaluation.page import sonar as sonar_page
+from gtsam_nav.evaluation.page.columns import every_nth, packed, packed_bytes
+from gtsam_nav.evaluation.page.plan import MOST_POSES
+from gtsam_nav.evaluation.page.skeleton import embedded, policy
+from gtsam_nav.frames import Array, quaternion_from_rotation, rotation_from_rpy
+from gtsam_nav.mission import LandmarkMap, Rejection
+from gtsam_nav.series import ScanSeries
+from gtsam_nav.solution import Solution
+
+
+def unpacked(column: dict[str, Any]) -> Array:
+    """What the page's script makes of a packed column."""
+    differences = np.frombuffer(zlib.decompress(base64.b64decode(column["deflated"])), "<i4")
+    return np.cumsum(differences, dtype=np.int64) * float(column["step"])
+
+
+@pytest.fixture(scope="module")
+def both() -> list[Solution]:
+    return [solutions.dr_solution(), solutions.graph_solution()]
+
+
+@pytest.fixture(scope="module")
+def document(both: list[Solution]) -> dict[str, Any]:
+    return page_document(both, (0.0, 500.0))
+
+
+def test_columns_come_back_to_half_a_step() -> None:
+    values = np.random.default_rng(0).normal(size=500) * 1e4
+    np.testing.assert_allclose(unpacked(packed(values, 0.01)), values, rtol=0, atol=0.005 + 1e-9)
+    assert len(unpacked(packed([]))) == 0
+
+
+def test_bytes_come_back() -> None:
+    values = np.random.default_rng(0).integers(0, 256, (7, 5), dtype=np.uint8)
+    content = zlib.decompress(base64.b64decode(packed_bytes(values)["bytes"]))
+    np.testing.assert_array_equal(np.frombuffer(content, np.uint8).reshape(7, 5), values)
+
+
+@pytest.mark.parametrize(
+    ("n", "most", "left"), [(10, 20, 10), (10, 10, 10), (11, 10, 6), (0, 5, 0)]
+)
+def test_thinning_keeps_to_its_limit(n: int, most: int, left: int) -> None:
+    assert len(np.arange(n)[every_nth(n, most)]) == left
+
+
+def test_the_document_is_json_without_nan(document: dict[str, Any]) -> None:
+    assert json.loads(json.dumps(document, allow_nan=False)) == json.loads(json.dumps(document))
+
+
+def test_equal_solutions_give_equal_documents(
+    both: list[Solution], document: dict[str, Any]
+) -> None:
+    assert json.dumps(page_document(both, (0.0, 500.0))) == json.dumps(document)
+
+
+def test_tracks_lie_at_the_antenna_with_the_foremost_first(
+    both: list[Solution], document: dict[str, Any]
+) -> None:
+    tracks = document["plan"]["tracks"]
+    assert [track["method"] for track in tracks] == ["graph", "dr"]
+    antenna = both[1].trajectory.at_lever_arm(solutions.ANTENNA_B)
+    assert len(antenna) < MOST_POSES
+    for axis, name in enumerate("ne"):
+        np.testing.assert_allclose(unpacked(tracks[0][name]), antenna.p_n[:, axis], atol=0.003)
+    assert antenna.sigma_p_n is not None
+    np.testing.assert_allclose(unpacked(tracks[0]["sigma_n"]), antenna.sigma_p_n[:, 0], atol=0.003)
+
+
+def test_what_has_no_absolute_place_is_turned_with_all_that_hangs_on_it(
+    both: list[Solution],
+) -> None:
+    graph, turn = both[1], rotation_from_rpy([0.0, 0.0, 1.2])
+    moved = replace(
+        graph.trajectory,
+        p_n=graph.trajectory.p_n @ turn.T + [70.0, -9.0, 0.0],
+        q_nb_wxyz=quaternion_from_rotation(turn @ graph.trajectory.R_nb),
+    )
+    landmarks = solutions.landmark_estimates()
+    landmarks = replace(
+        landmarks,
+        p_n=landmarks.p_n @ turn.T + [70.0, -9.0, 0.0],
+        cov_n=turn @ landmarks.cov_n @ turn.T,
+    )
+    lost = replace(graph, trajectory=moved, landmarks=landmarks, georeferenced=False)
+    (track,) = page_document([lost], None)["plan"]["tracks"]
+    (placed,) = page_document([graph], None)["plan"]["tracks"]
+    assert track["note"] == " (SE(2)-aligned)"
+    turned = unpacked(track["heading_deg"]) - unpacked(placed["heading_deg"])
+    assert np.max(np.abs((turned + 180.0) % 360.0 - 180.0)) < 1.5
+    for found, expected in zip(track["landmarks"], placed["landmarks"], strict=True):
+        np.testing.assert_allclose(found["ne"], expected["ne"], atol=1.5)
+        np.testing.assert_allclose(found["cov"], expected["cov"], atol=0.03)
+
+
+def test_loops_say_all_that_is_known_of_them(
+    both: list[Solution], document: dict[str, Any]
+) -> None:
+    loops = document["plan"]["tracks"][0]["loops"]
+    assert len(loops) == len(both[1].loops)
+    rejected = next(loop for loop in loops if loop["verdict"] == "rejected")
+    assert rejected["dx_m"] is None
+    assert rejected["weight"] is None
+    assert rejected["reason"] in ("overlap", "gate", "diverged")
+    first, source = loops[0], both[1].loops[0]
+    assert (first["t_a"], first["t_b"]) == (source.t_a, source.t_b)
+    path = both[1].trajectory.at_lever_arm(solutions.ANTENNA_B)
+    there = path.interpolate(np.array([source.t_b])).p_n[0, :2]
+    np.testing.assert_allclose(first["ne_b"], there, atol=0.006)
+
+
+def test_fixes_are_told_apart_by_what_became_of_them(both: list[Solution]) -> None:
+    refused = (Rejection(7.0, "gnss", 7, "outlier", 30.0), Rejection(9.0, "dvl", 9, "outlier"))
+    fixes = page_document([replace(both[0], rejections=refused)], None)["plan"]["fixes"]
+    assert len(unpacked(fixes["used"]["t"])) == 59
+    assert [(fix["t"], fix["reason"]) for fix in fixes["rejected"]] == [(7.0, "outlier")]
+
+
+def test_surveyed_landmarks_stand_on_the_plan(both: list[Solution]) -> None:
+    survey = LandmarkMap(np.array([7]), np.array([[90.0, 21.0, 0.0]]), np.array([0.1]))
+    mission = replace(both[0].mission, landmark_map=survey)
+    found = page_document([replace(both[0], mission=mission)], None)["plan"]["survey"]
+    assert found == [{"id": 7, "ne": [90.0, 21.0]}]
+
+
+def test_charts_show_errors_headings_and_biases(
+    both: list[Solution], document: dict[str, Any]
+) -> None:
+    charts = {chart["title"]: chart for chart in document["charts"]}
+    assert list(charts) == [
+        "Horizontal error", "Heading less reference's",
+        "dr: error north", "dr: error east", "graph: error north", "graph: error east",
+        "graph: gyro z", "graph: heading bias",
+    ]  # fmt: skip
+    history = error_history(both[1])
+    assert history is not None
+    assert history.sigma_m is not None
+    (north,) = charts["graph: error north"]["lines"]
+    assert north["band_about_zero"]
+    np.testing.assert_allclose(unpacked(north["values"]), history.error_m[:, 0], atol=1e-3)
+    np.testing.assert_allclose(unpacked(north["three_sigma"]), 3 * history.sigma_m[:, 0], atol=1e-3)
+    assert [line["name"] for line in charts["graph: heading bias"]["lines"]] == [
+        "compass", "estimate",
+    ]  # fmt: skip
+
+
+def test_scans_come_with_their_beams(both: list[Solution], document: dict[str, Any]) -> None:
+    scans, sonar = both[1].scans, document["sonar"]
+    assert scans is not None
+    assert (sonar["method"], sonar["sensor"], sonar["simulated"]) == ("graph", "beams", True)
+    np.testing.assert_allclose(unpacked(sonar["t"]), scans.t, atol=1e-3)
+    np.testing.assert_allclose(unpacked(sonar["x"]), scans.xy[:, 0], atol=0.011)
+    raw = sonar["raw"]
+    assert raw["scan"] == list(range(len(scans)))
+    assert (raw["bins"], raw["bin_m"]) == (4, 5.0)
+    beams = unpacked(raw["first"])
+    assert beams.tolist() == (14 * np.arange(len(scans) + 1)).tolist()
+    intensity = np.frombuffer(zlib.decompress(base64.b64decode(raw["intensity"]["bytes"])), "u1")
+    assert intensity.reshape(-1, 4)[0].tolist() == [0, 2, 15, 0]
+
+
+def test_a_long_sonar_record_keeps_the_scans_of_loops(
+    both: list[Solution], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scans = both[1].scans
+    assert scans is not None
+    monkeypatch.setattr(sonar_page, "MOST_RAW_CELLS", 14 * 4 * 2)
+    few = replace(both[1], loops=both[1].loops[:1])
+    found = page_document([few], None)["sonar"]
+    in_loop = [scans.t.tolist().index(t) for t in (few.loops[0].t_a, few.loops[0].t_b)]
+    assert found["raw"]["scan"] == sorted(in_loop)
+    assert len(unpacked(found["first"])) == len(scans) + 1
+
+
+def test_scans_that_were_extracted_elsewhere_have_no_raw_beams(both: list[Solution]) -> None:
+    points = ScanSeries(t=np.arange(2.0), first=np.array([0, 1, 2]), points_b=np.ones((2, 2)))
+    beams = replace(both[1].mission.sensors["beams"], type="scans", series=points)
+    mission = both[1].mission.with_sensor(beams)
+    assert page_document([replace(both[1], mission=mission)], None)["sonar"]["raw"] is None
+
+
+def test_without_scans_there_is_no_viewer(both: list[Solution]) -> None:
+    assert page_document(both[:1], None)["sonar"] is None
+
+
+def test_data_cannot_end_their_element() -> None:
+    text = embedded({"reason": "</script><!--"}, "1")
+    assert text.count("</script>") == 2
+    assert "<!--" not in text
+    assert "</script" not in script()
+
+
+def test_the_policy_allows_this_script_and_no_address() -> None:
+    allowed = policy(script())
+    assert "default-src 'none'" in allowed
+    assert "http" not in allowed
+    assert policy("1") != allowed
+
+
+def test_void_elements_are_not_closed() -> None:
+    assert element("input", type="range") == Html('<input type="range">')

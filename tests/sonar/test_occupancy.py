@@ -1,0 +1,62 @@
+"""Occupancy: cells that beams crossed, cells that echoed, cells that nobody saw."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gtsam_nav.solution import SonarMap
+from gtsam_nav.sonar.occupancy import MOST_CELLS, OccupancyGrid, occupancy_grid
+from gtsam_nav.trajectory import Trajectory
+
+
+def at_rest(north: float = 0.0, east: float = 0.0) -> Trajectory:
+    return Trajectory(
+        t=np.array([0.0, 100.0]),
+        p_n=np.array([[north, east, 0.0]] * 2),
+        q_nb_wxyz=np.array([[1.0, 0, 0, 0]] * 2),
+    )
+
+
+def map_of(*ne_t: tuple[float, float, float]) -> SonarMap:
+    n, e, t = np.array(ne_t).T
+    return SonarMap(np.column_stack([n, e, np.zeros(len(n))]), t, np.full(len(n), 200.0))
+
+
+def cell_at(grid: OccupancyGrid, north: float, east: float) -> float:
+    row = round((grid.first_ne[0] - north) / grid.cell_m)
+    column = round((east - grid.first_ne[1]) / grid.cell_m)
+    return float(grid.probability[row, column])
+
+
+def test_a_wall_is_occupied_what_is_before_it_free_and_behind_it_unknown() -> None:
+    wall = [(10.0, e, k / 10) for k, e in enumerate(np.tile(np.arange(-5.0, 5.0, 0.1), 3))]
+    grid = occupancy_grid(map_of(*wall, (12.0, 0.0, 90.0)), at_rest(), np.zeros(3))
+    assert cell_at(grid, 10.0, 2.0) > 0.9
+    assert cell_at(grid, 5.0, 1.0) < 0.2
+    assert np.isnan(cell_at(grid, 11.0, -4.0))
+
+
+def test_only_the_first_echo_of_a_beam_is_seen_through_to() -> None:
+    grid = occupancy_grid(map_of((20.0, 0.0, 1.0), (8.1, 0.0, 1.0)), at_rest(), np.zeros(3))
+    assert cell_at(grid, 4.1, 0.0) < 0.5
+    assert cell_at(grid, 8.1, 0.0) > 0.5
+    assert np.isnan(cell_at(grid, 14.1, 0.0))
+    assert cell_at(grid, 19.9, 0.0) > 0.5
+
+
+def test_points_of_one_scan_are_beams_of_their_own() -> None:
+    grid = occupancy_grid(map_of((20.0, 0.0, 1.0), (0.0, 8.0, 1.0)), at_rest(), np.zeros(3))
+    assert cell_at(grid, 14.1, 0.0) < 0.5
+    assert cell_at(grid, -0.1, 4.1) < 0.5
+
+
+def test_beams_start_at_the_sonar() -> None:
+    grid = occupancy_grid(map_of((10.0, 3.0, 1.0)), at_rest(), np.array([0.0, 3.0, 0.5]))
+    assert cell_at(grid, 5.0, 3.0) < 0.5
+    assert np.sum(grid.probability < 0.5) == 50
+
+
+def test_a_large_map_gets_larger_cells() -> None:
+    grid = occupancy_grid(map_of((5000.0, 40.0, 1.0)), at_rest(), np.zeros(3))
+    assert max(grid.probability.shape) <= MOST_CELLS + 1
+    assert grid.cell_m == 1.25
