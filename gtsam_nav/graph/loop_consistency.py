@@ -84,12 +84,32 @@ def _planar(state: Any) -> Array:
     return np.array([*state.position()[:2], state.attitude().yaw()])
 
 
-def normalised_squares(evidence: LoopEvidence) -> Array:
-    """Chi-square of each closure by the other sensors alone, shape (n,): 3 degrees of freedom."""
-    e = evidence.residual
-    diagonal = np.arange(len(e))
-    S = evidence.cov_predicted[diagonal, :, diagonal] + evidence.cov
-    return np.asarray(np.einsum("ni,ni->n", e, np.linalg.solve(S, e[..., None])[..., 0]))
+def normalised_squares(evidence: LoopEvidence, believed: BoolArray | None = None) -> Array:
+    """Chi-square of each closure, shape (n,), three degrees of freedom.
+
+    Parameters
+    ----------
+    believed : ndarray of bool, shape (n,), optional
+        Closures that, beside the other sensors, say what the rest should be; means nothing for
+        these themselves.
+    """
+    n = len(evidence)
+    e, G = evidence.residual.ravel(), evidence.cov_predicted.reshape(3 * n, 3 * n)
+    if believed is not None and np.any(believed):
+        theirs = np.flatnonzero(np.repeat(believed, 3))
+        S = G[np.ix_(theirs, theirs)] + _block_diagonal(evidence.cov[believed])
+        gain = np.linalg.solve(S, G[theirs]).T
+        e, G = e - gain @ e[theirs], G - gain @ G[theirs]
+    own = G.reshape(n, 3, n, 3)[np.arange(n), :, np.arange(n)] + evidence.cov
+    rows = e.reshape(n, 3)
+    return np.asarray(np.einsum("ni,ni->n", rows, np.linalg.solve(own, rows[..., None])[..., 0]))
+
+
+def _block_diagonal(blocks: Array) -> Array:
+    n = len(blocks)
+    whole = np.zeros((n, 3, n, 3))
+    whole[np.arange(n), :, np.arange(n)] = blocks
+    return whole.reshape(3 * n, 3 * n)
 
 
 def consistent_pairs(evidence: LoopEvidence, probability: float) -> BoolArray:

@@ -73,7 +73,8 @@ def judged(
             reasons[i] = "truncated by the arbiter"
         left = left[kept]
     log.info("%d of %d loop closures believed", len(left), len(loops))
-    residuals = np.sqrt(normalised_squares(evidence)).tolist()
+    believed = np.array([not reason for reason in reasons])
+    residuals = np.sqrt(normalised_squares(evidence, believed)).tolist()
     verdicts = {
         id(m): replace(m, reason=reason, normalised_residual=residual)
         for m, reason, residual in zip(loops, reasons, residuals, strict=True)

@@ -90,6 +90,17 @@ def test_pairs_are_symmetric_and_closures_alone_stand_on_the_diagonal() -> None:
     assert normalised_squares(faulty)[7] == pytest.approx(e @ np.linalg.solve(S, e))
 
 
+def test_a_closure_is_also_measured_by_those_that_are_believed() -> None:
+    """Alone it passes; beside eleven that share its drift it is off by what it was moved."""
+    clean, drift = evidence(12, seed=8)
+    faulty = spoilt(clean, np.array([5]), 0.3 * drift)
+    believed = np.arange(12) != 5
+    alone, among = (normalised_squares(faulty, known)[5] for known in (None, believed))
+    assert alone < 11.3
+    assert among > 100.0
+    assert normalised_squares(clean, believed)[5] < 16.3
+
+
 @judges
 def test_a_single_closure_is_judged_by_the_other_sensors(judge: Judge) -> None:
     clean, drift = evidence(1, seed=7, spread=1.0)
