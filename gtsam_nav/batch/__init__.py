@@ -155,14 +155,13 @@ def _begin(out: Path, planned: Sequence[PlannedRun], resume: bool) -> Collection
     from gtsam_nav.batch.work import ATTEMPTS
 
     try:
-        if not (out / TABLE).exists():
-            (out / TABLE).mkdir(parents=True)
-            return ()
+        (out / TABLE).mkdir(parents=True, exist_ok=True)
         shutil.rmtree(out / ATTEMPTS, ignore_errors=True)
     except OSError as error:
         raise OutputError(f"{out}: cannot write there: {error.strerror}") from error
-    if not resume:
+    results = read_results(out)
+    if len(results) and not resume:
         raise OutputError(f"{out}: holds a batch already; --resume goes on with it")
-    done = finished_keys(read_results(out), planned)
+    done = finished_keys(results, planned)
     compact(out, dropped={run.key for run in planned} - done)
     return done

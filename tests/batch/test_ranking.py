@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import pytest
+from batch_rows import figures, frame, row
 
 from gtsam_nav.batch.ranking import rank
-from tests.batch.rows import figures, frame, row
 
 
 def test_the_best_median_comes_first() -> None:

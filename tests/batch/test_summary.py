@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from batch_rows import figures, frame, row
+
 from gtsam_nav.batch.markup import element, page, table
 from gtsam_nav.batch.strips import strip_chart
 from gtsam_nav.batch.summary import failure_groups, write_summary
-from tests.batch.rows import figures, frame, row
 
 
 def write_page(folder: Path, *rows: object) -> str:

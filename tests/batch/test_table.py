@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from batch_rows import row
 
 from gtsam_nav.batch.table import TABLE, compact, read_results, row_path, write_row
 from gtsam_nav.errors import DataError
-from tests.batch.rows import row
 
 
 @pytest.fixture
