@@ -8,6 +8,7 @@ import itertools
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -50,12 +51,12 @@ class PlannedRun:
         """The swept settings as text; empty where nothing is swept."""
         return sweep_label(self.parameters)
 
-    @property
+    @cached_property
     def config_sha256(self) -> str:
         """Checksum of the resolved configuration."""
-        return hashlib.sha256(self.config.to_yaml().encode()).hexdigest()
+        return hashlib.sha256(self.config.model_dump_json().encode()).hexdigest()
 
-    @property
+    @cached_property
     def key(self) -> str:
         """What this run is, whatever its input holds: by mission, method and configuration."""
         identity = f"{self.path}\n{self.method}\n{self.config_sha256}"

@@ -84,7 +84,7 @@ def _generic(message: str, path: str, mission: str) -> str:
     """A message without what differs between missions that fail alike."""
     for name in (path, mission):
         message = message.replace(name, "MISSION")
-    return re.sub(r"\d+(\.\d+)?", "#", message)
+    return re.sub(r"(?<![\w.])\d+(\.\d+)?(?!\w)", "#", message)
 
 
 def _section(title: str, *content: Element | str | None) -> Element:
@@ -119,7 +119,7 @@ def _ranking(ranking: Ranking, results: pd.DataFrame) -> Element:
         note = (
             f"By the median over missions of the {SCORES[ranking.score]}. Compared on the "
             f"{ranking.missions} missions that every variant finished and that have a reference"
-            f"{f'; {left_out} are left out' if left_out else ''}."
+            f"{f', {left_out} left out' if left_out else ''}."
         )
     header = (
         "variant", "runs", "failed", "median", "mean", "p95", "worst", "best on", "NEES",
