@@ -25,7 +25,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-# at once, so that the function and not the module of that name is the package's `methods`
+# at once, so that the functions and not the modules of those names are the package's
+from gtsam_nav.batch import batch as batch
 from gtsam_nav.methods import estimate as estimate
 from gtsam_nav.methods import methods as methods
 
@@ -58,7 +59,7 @@ _PUBLIC = {
     "write_run": "writers.run_folder",
 }
 
-__all__ = sorted([*_PUBLIC, "estimate", "methods"])
+__all__ = sorted([*_PUBLIC, "batch", "estimate", "methods"])
 
 
 def __getattr__(name: str) -> Any:

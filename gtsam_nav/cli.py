@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
+from gtsam_nav.cli_batch import batch
+from gtsam_nav.cli_options import ConfigOption, JsonOption, QuietOption, SetOption
 from gtsam_nav.errors import ConfigError, DataError, EstimationError, GtsamNavError, OutputError
 from gtsam_nav.terminal import progress_bars, say, show, show_json
 
@@ -36,15 +38,9 @@ app = typer.Typer(
 )
 config_app = typer.Typer(no_args_is_help=True, help="The configuration.")
 app.add_typer(config_app, name="config")
+app.command()(batch)
 
 MissionArgument = Annotated[Path, typer.Argument(metavar="MISSION", help="Mission folder or logs.")]
-ConfigOption = Annotated[
-    Path | None, typer.Option("--config", "-c", metavar="FILE", help="Configuration (YAML).")
-]
-SetOption = Annotated[
-    list[str], typer.Option("--set", metavar="KEY=VALUE", help="Override a setting; repeatable.")
-]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 OutOption = Annotated[
     Path | None, typer.Option(metavar="DIR", help="Results; out/MISSION where not given.")
 ]
@@ -62,7 +58,6 @@ InjectOption = Annotated[
         help="Spoil what the methods see, as in gnss:outliers=0.3 or dvl:drop=300:420; repeatable.",
     ),
 ]
-QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="No progress bars.")]
 
 
 @app.callback()

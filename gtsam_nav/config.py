@@ -71,6 +71,21 @@ def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> Conf
         if not isinstance(loaded, dict | None):
             raise ConfigError(f"{path}: the configuration must be a map of sections")
         tree = loaded or {}
+    return _validated(tree, overrides, path)
+
+
+def override_config(config: Config, overrides: Sequence[str]) -> Config:
+    """A configuration with ``key=value`` overrides, as those of `load_config`.
+
+    Raises
+    ------
+    ConfigError
+        Where a key is unknown or a value out of range.
+    """
+    return _validated(config.model_dump(mode="json"), overrides)
+
+
+def _validated(tree: dict[str, Any], overrides: Sequence[str], path: Path | None = None) -> Config:
     for override in overrides:
         _apply_override(tree, override)
     try:

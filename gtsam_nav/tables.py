@@ -9,6 +9,7 @@ from rich.text import Text
 
 from gtsam_nav.audit import Audit
 from gtsam_nav.audit.findings import Finding
+from gtsam_nav.batch.ranking import SCORES, Ranking
 from gtsam_nav.doctor import PackageState
 from gtsam_nav.evaluation.comparison import ComparisonRow
 
@@ -84,6 +85,28 @@ def comparison_table(rows: Sequence[ComparisonRow]) -> Table:
     ]
     note = ", simulated sonar" if any(row.sonar == "simulated" for row in rows) else ""
     return _table(f"Horizontal error, m{note}", columns, cells)
+
+
+def ranking_table(ranking: Ranking) -> Table:
+    """Methods and settings of a batch, best first."""
+    columns = (
+        "variant", ">runs", ">failed", ">median", ">mean", ">p95", ">worst", ">best on", ">NEES",
+        ">s per mission hour",
+    )  # fmt: skip
+    rows = [
+        (
+            v.name,
+            str(v.runs),
+            str(v.failed),
+            *map(figure, (v.median, v.mean, v.p95, v.worst)),
+            str(v.wins),
+            figure(v.nees_median),
+            figure(v.s_per_mission_h, 1),
+        )
+        for v in ranking.variants
+    ]
+    score = "nothing to rank by" if ranking.score is None else SCORES[ranking.score]
+    return _table(f"{score}, on {ranking.missions} missions", columns, rows)
 
 
 def package_table(packages: Iterable[PackageState]) -> Table:

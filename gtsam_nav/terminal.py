@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
+    from gtsam_nav.batch import BatchProgress
     from gtsam_nav.solution import Progress
 
 PLAIN_WIDTH = 200
@@ -58,6 +59,25 @@ def progress_bars(quiet: bool = False) -> Iterator[Progress]:
             if stage not in tasks:
                 tasks[stage] = bars.add_task(stage, total=1.0)
             bars.update(tasks[stage], completed=fraction)
+
+        yield advance
+
+
+@contextmanager
+def count_bar(quiet: bool = False) -> Iterator[Callable[[BatchProgress], None] | None]:
+    """A bar over the runs of a batch where stderr is a terminal; elsewhere nothing."""
+    if quiet or not sys.stderr.isatty():
+        yield None
+        return
+    from rich.progress import BarColumn, TextColumn
+    from rich.progress import Progress as Bars
+
+    columns = BarColumn(), TextColumn("{task.description}")
+    with Bars(*columns, console=_console(sys.stderr), transient=True) as bars:
+        task = bars.add_task("the workers start", total=None)
+
+        def advance(state: BatchProgress) -> None:
+            bars.update(task, description=str(state), total=state.total, completed=state.done)
 
         yield advance
 

@@ -1,0 +1,134 @@
+"""Our graph against the barest GTSAM script: same factors, same updates, same questions.
+
+The script replays into a fresh iSAM2 what ours was given, keyframe by keyframe, and asks it what
+ours asks: each keyframe's state and covariance. What ours takes beyond that is bookkeeping. The
+batch is compared with one Levenberg-Marquardt of the factors that the batch ends with. Times are
+the processor's: all of it is one thread, and other programs do not count.
+"""
+
+from __future__ import annotations
+
+import itertools
+import statistics
+import time
+from pathlib import Path
+from typing import Any
+
+import gtsam
+import numpy as np
+
+import gtsam_nav as gn
+from gtsam_nav.config import Config
+from gtsam_nav.graph import backend, estimator
+from gtsam_nav.graph.factors import X
+from gtsam_nav.graph.measurements import build_problem
+from gtsam_nav.graph.online import run_online
+from gtsam_nav.graph.problem import Problem
+from gtsam_nav.graph.settling import settle
+from gtsam_nav.mission import Mission
+from gtsam_nav.solution import no_progress
+
+VICTORIA_PARK = "victoria_park.txt"
+VICTORIA_S = 500.0
+"""A pose a second; all 6968 take minutes."""
+
+
+NO_SCANS = np.empty(0, dtype=int)
+
+
+class Recorder:
+    """An iSAM2 that remembers what it was given."""
+
+    def __init__(self, isam: Any) -> None:
+        self._isam = isam
+        self.updates: list[tuple[Any, Any]] = []
+
+    def update(self, graph: Any, values: Any) -> Any:
+        self.updates.append((graph, values))
+        return self._isam.update(graph, values)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._isam, name)
+
+
+def measure(repeats: int) -> dict[str, Any]:
+    """The marina without its sonar, and the first poses of Victoria Park with its landmarks."""
+    marina = gn.simulate("marina", seed=0).without("sonar")
+    victoria = gn.open_mission(Path(gtsam.findExampleDataFile(VICTORIA_PARK)))
+    missions = {"marina": marina, "victoria": victoria.crop(stop_s=VICTORIA_S)}
+    rows = {name: _compare(mission, repeats) for name, mission in missions.items()}
+    ratios = {
+        f"{what}_{name}": row[what]
+        for name, row in rows.items()
+        for what in ("bookkeeping_over_solve", "batch_over_raw")
+    }
+    return {"missions": rows, "ratios": ratios}
+
+
+def _compare(mission: Mission, repeats: int) -> dict[str, Any]:
+    config = Config()
+    recorder = _record(mission, config)
+    n_keyframes = len(_problem(mission, config)[0].t)
+    runs = [_once(mission, config, recorder) for _ in range(repeats)]
+    medians = {name: statistics.median(run[name] for run in runs) for name in runs[0]}
+    ours = medians["building_s"] + medians["isam2_s"]
+    return {
+        **medians,
+        "keyframes": n_keyframes,
+        "bookkeeping_over_solve": (ours - medians["raw_isam2_s"]) / medians["raw_isam2_s"],
+        "batch_over_raw": medians["batch_s"] / medians["raw_batch_s"],
+    }
+
+
+def _problem(mission: Mission, config: Config) -> tuple[Problem, float]:
+    """The factors of a mission, and how long they took once its motion was known."""
+    start, motion = estimator._start_and_motion(mission, config)
+    t = estimator._keyframe_times(mission, motion.trajectory.t[:0], config)
+    begin = time.process_time()
+    problem = build_problem(mission, start, motion, t, config)
+    return problem, time.process_time() - begin
+
+
+def _record(mission: Mission, config: Config) -> Recorder:
+    recorders = []
+    plain = backend._isam2
+
+    def recording(is_stiff: bool) -> Recorder:
+        recorders.append(Recorder(plain(is_stiff)))
+        return recorders[-1]
+
+    backend._isam2 = recording
+    try:
+        run_online(_problem(mission, config)[0], [], NO_SCANS, config, no_progress)
+    finally:
+        backend._isam2 = plain
+    return recorders[0]
+
+
+def _once(mission: Mission, config: Config, recorder: Recorder) -> dict[str, float]:
+    problem, building_s = _problem(mission, config)
+    marks = [time.process_time()]
+    online = run_online(problem, [], NO_SCANS, config, no_progress)
+    marks.append(time.process_time())
+    _replay(recorder, problem, config.graph.keyframes_per_update)
+    marks.append(time.process_time())
+    graph, values = online.backend.graph(), online.backend.values()
+    marks.append(time.process_time())
+    settled = settle(problem, graph, values)
+    marks.append(time.process_time())
+    graph.push_back(settled.factors)
+    gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
+    marks.append(time.process_time())
+    spans = [b - a for a, b in itertools.pairwise(marks)]
+    names = ("isam2_s", "raw_isam2_s", "collecting_s", "batch_s", "raw_batch_s")
+    return {"building_s": building_s, **dict(zip(names, spans, strict=True))}
+
+
+def _replay(recorder: Recorder, problem: Problem, step: int) -> None:
+    is_stiff = problem.is_stiff or (problem.uses_imu and bool(problem.landmarks))
+    isam = backend._isam2(is_stiff)
+    for k, (graph, values) in enumerate(recorder.updates):
+        isam.update(graph, values)
+        for j in range(k * step, min((k + 1) * step, len(problem.t))):
+            isam.calculateEstimateNavState(X(j))
+            isam.marginalCovariance(X(j))
