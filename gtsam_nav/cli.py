@@ -41,6 +41,10 @@ MissionArgument = Annotated[Path, typer.Argument(metavar="MISSION", help="Missio
 ConfigOption = Annotated[
     Path | None, typer.Option("--config", "-c", metavar="FILE", help="Configuration (YAML).")
 ]
+CardOption = Annotated[
+    Path | None,
+    typer.Option("--config", "-c", metavar="FILE", help="YAML with a card, the section mission."),
+]
 SetOption = Annotated[
     list[str], typer.Option("--set", metavar="KEY=VALUE", help="Override a setting; repeatable.")
 ]
@@ -122,18 +126,27 @@ def settle_output(folder: Path, *runs: Path) -> None:
 
 @app.command()
 def inspect(
-    mission: MissionArgument, as_json: JsonOption = False, quiet: QuietOption = False
+    mission: MissionArgument,
+    config: CardOption = None,
+    as_json: JsonOption = False,
+    quiet: QuietOption = False,
 ) -> None:
-    """Check rates, gaps, clocks, units and signs of a mission."""
+    """Check rates, gaps, clocks, units and signs of a mission; list a bag and print its card."""
     from gtsam_nav.audit import audit
-    from gtsam_nav.readers import open_mission
+    from gtsam_nav.cards import with_mission
+    from gtsam_nav.readers import describe, open_mission
+    from gtsam_nav.tables import finding_table, sensor_table, stream_table
 
+    card = with_mission(config)
+    contents = describe(mission, card)
+    if contents is not None and not as_json:
+        show(stream_table(contents), "")
     with progress_bars(quiet) as progress:
-        found = audit(open_mission(mission, progress))
+        found = audit(open_mission(mission, progress, card))
     if as_json:
-        show_json(found.to_json())
+        listed = None if contents is None else asdict(contents)
+        show_json({**found.to_json(), "contents": listed})
         return
-    from gtsam_nav.tables import finding_table, sensor_table
 
     rest = "" if found.rest_s is None else f", at rest for the first {found.rest_s:.0f} s"
     show(
@@ -144,6 +157,8 @@ def inspect(
         f"span {found.span_s[0]:.1f} to {found.span_s[1]:.1f} s{rest}",
         f"methods that can run: {', '.join(found.methods) or 'none'}",
     )
+    if contents is not None:
+        show("", "card for run MISSION -c FILE:", "", contents.card)
     for warning in found.warnings:
         say(f"warning: {warning}")
 
@@ -163,6 +178,7 @@ def run(
     quiet: QuietOption = False,
 ) -> None:
     """Estimate a mission, score it and write a report."""
+    from gtsam_nav.cards import with_mission
     from gtsam_nav.config import load_config
     from gtsam_nav.evaluation.report import write_report
     from gtsam_nav.methods import check_method
@@ -177,7 +193,7 @@ def run(
     settle_output(folder, *(folder / name for name in names))
     with progress_bars(quiet) as progress:
         begin = time.perf_counter()
-        opened = open_cropped(mission, start, stop, progress)
+        opened = open_cropped(mission, start, stop, progress, with_mission(config))
         solutions, failures = estimate_each(
             opened, names, resolved, faults, folder, begin, progress
         )
@@ -192,7 +208,9 @@ def run(
         raise typer.Exit(max(error.exit_code for error in failures.values()))
 
 
-def open_cropped(path: Path, start_s: float, stop_s: float, progress: Progress) -> Mission:
+def open_cropped(
+    path: Path, start_s: float, stop_s: float, progress: Progress, card: Path | None = None
+) -> Mission:
     """Open a mission and keep the samples of start <= t < stop.
 
     Raises
@@ -202,7 +220,7 @@ def open_cropped(path: Path, start_s: float, stop_s: float, progress: Progress) 
     """
     from gtsam_nav.readers import open_mission
 
-    opened = open_mission(path, progress)
+    opened = open_mission(path, progress, card)
     cropped = opened.crop(start_s, stop_s)
     if not any(len(sensor.series) for sensor in cropped.sensors.values()):
         first, last = opened.span_s
@@ -361,6 +379,28 @@ def simulate(
     write_mission(mission, out)
     start, stop = mission.span_s
     show(f"mission '{mission.name}', {stop - start:.1f} s: {out}")
+
+
+@app.command()
+def convert(
+    mission: MissionArgument,
+    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Mission folder to write.")],
+    config: CardOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Write a mission of any format as a mission folder."""
+    from gtsam_nav.cards import with_mission
+    from gtsam_nav.readers import open_mission
+    from gtsam_nav.writers.mission_folder import write_mission
+
+    settle_output(out.parent)
+    with progress_bars(quiet) as progress:
+        opened = open_mission(mission, progress, with_mission(config))
+    write_mission(opened, out)
+    start, stop = opened.span_s
+    show(f"mission '{opened.name}', {stop - start:.1f} s: {out}")
+    for warning in opened.warnings:
+        say(f"warning: {warning}")
 
 
 @app.command()
