@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Literal
 
-import numpy as np
-
+from gtsam_nav.frames import Array
 from gtsam_nav.readers._ros_bag import Clock
 from gtsam_nav.readers._ros_choice import Choice
 
@@ -28,7 +27,7 @@ def choose_stamps(choices: Iterable[Choice], clocks: dict[str, Clock]) -> dict[s
     lags = {choice.topic.name: clocks[choice.topic.name].lag_s for choice in listed}
     known = [lag for lag in lags.values() if lag is not None]
     on_headers = known and len(known) == len(lags)
-    common = float(np.median(known)) if on_headers else 0.0
+    common = _commonest(known) if on_headers else 0.0
     found: dict[str, Stamp] = {}
     for choice in listed:
         lag = lags[choice.topic.name]
@@ -37,7 +36,12 @@ def choose_stamps(choices: Iterable[Choice], clocks: dict[str, Clock]) -> dict[s
     return found
 
 
-def stamps_of(clock: Clock, stamp: Stamp) -> np.ndarray:
+def _commonest(lags: list[float]) -> float:
+    """The lag that most others are near to; of several such, the one nearest the log."""
+    return min(lags, key=lambda own: (-sum(abs(lag - own) <= APART_S for lag in lags), abs(own)))
+
+
+def stamps_of(clock: Clock, stamp: Stamp) -> Array:
     """The times that count, s since the bag's zero; NaN where a header tells none."""
     if stamp == "header" and clock.header_s is not None:
         return clock.header_s

@@ -28,6 +28,7 @@ from gtsam_nav.readers._ros_card import BagSensor
 
 UNKNOWN_VARIANCE = 1e5
 STANDARD_GRAVITY_M_S2 = 9.80665
+NO_FIX = "no fix"
 PD0_BAD_M_S = 32.0
 """PD0 writes -32.768 m/s for a velocity that it could not measure."""
 
@@ -138,7 +139,7 @@ def _as_attitude(c: Columns) -> Columns:
 
 def _fix(m: Any, _: BagSensor) -> Sample | str:
     if m.status.status < 0:
-        return "no fix"
+        return NO_FIX
     cov = m.position_covariance if m.position_covariance_type else np.zeros(9)
     place = {"latitude_deg": m.latitude, "longitude_deg": m.longitude, "height_m": m.altitude}
     # rows of the covariance are east, north, up
@@ -156,7 +157,7 @@ def _pressure(m: Any, card: BagSensor) -> Sample | str:
         return "no pressure"
     per_metre = card.water_density_kg_m3 * STANDARD_GRAVITY_M_S2
     depth_m = (m.fluid_pressure - card.surface_pressure_pa) / per_metre
-    return {"depth_m": depth_m, "sigma": sigma_of(m.variance) / per_metre}
+    return {"depth_m": depth_m, "sigma": sigma_of(m.variance / per_metre**2)}
 
 
 def _number(m: Any, card: BagSensor) -> Sample | str:

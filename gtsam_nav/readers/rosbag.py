@@ -45,7 +45,7 @@ from gtsam_nav.readers._ros_clock import (
     clock_warnings,
     stamps_of,
 )
-from gtsam_nav.readers._ros_dialects import Columns, Sample
+from gtsam_nav.readers._ros_dialects import NO_FIX, Columns, Sample
 from gtsam_nav.readers._ros_mounting import Frames, Mounting
 from gtsam_nav.readers.contents import Contents, Stream
 from gtsam_nav.readers.layout import LAYOUTS
@@ -330,7 +330,9 @@ class _Reading:
 
     def _fixes(self, name: str, t: Array, c: Columns, refused: Mapping[str, BoolArray]) -> Cleaned:
         place = (c["latitude_deg"], c["longitude_deg"], c["height_m"])
-        fixes = Fixes(t, *place, c["sigma"], unread=refused)
+        unread = dict(refused)
+        has_fix = ~unread.pop(NO_FIX, np.zeros(len(t), dtype=bool))
+        fixes = Fixes(t, *place, c["sigma"], has_fix=has_fix, unread=unread)
         if self.origin is None:
             self.origin = fixes.first_usable()
         return fixes.series(name, self.origin or Origin(0.0, 0.0))
