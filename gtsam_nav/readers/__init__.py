@@ -56,6 +56,10 @@ _READERS = (
     "gtsam_nav.readers.toro",
     "gtsam_nav.readers.plaza",
     "gtsam_nav.readers.rosbag",
+    "gtsam_nav.readers.nmea",
+    "gtsam_nav.readers.waterlinked",
+    "gtsam_nav.readers.carmen",
+    "gtsam_nav.readers.ping360",
 )
 
 

@@ -311,12 +311,12 @@ def test_dvls_keep_their_own_conventions(tmp_path: Path) -> None:
         ),
         (
             "provider_dvl/msg/PD0Packet",
-            lambda m: {"velocity": np.array([2.0, 1.0, 3.0, 0.001])},
+            lambda _: {"velocity": np.array([2.0, 1.0, 3.0, 0.001])},
             [1, 2, 3], 0.05, True,
         ),
         (
             "cirs_girona_cala_viuda/msg/LinkquestDvl",
-            lambda m: {"watervelocityinst": np.array([1.0, 2.0, 3.0]), "watervelocityinstflag": 1},
+            lambda _: {"watervelocityinst": np.array([1.0, 2.0, 3.0]), "watervelocityinstflag": 1},
             [1, 2, 3], 0.05, False,
         ),
         (
@@ -341,7 +341,7 @@ def test_sonars_and_scans(tmp_path: Path) -> None:
         (tmp_path / name).mkdir()
     echo = {"angle": 0.5, "range": 5, "intensities": np.arange(50, dtype=np.uint8)}
     beams = read_one(
-        tmp_path / "a", "/ping", "ping360_sonar_msgs/msg/SonarEcho", "beams", lambda m: echo,
+        tmp_path / "a", "/ping", "ping360_sonar_msgs/msg/SonarEcho", "beams", lambda _: echo,
         clockwise=False,
     ).series  # fmt: skip
     assert isinstance(beams, BeamSeries)
@@ -353,7 +353,7 @@ def test_sonars_and_scans(tmp_path: Path) -> None:
         "ranges": np.array([1.0, 2.0, 9.0, np.nan], dtype=np.float32),
     }  # fmt: skip
     scans = read_one(
-        tmp_path / "b", "/scan", "sensor_msgs/msg/LaserScan", "scans", lambda m: laser,
+        tmp_path / "b", "/scan", "sensor_msgs/msg/LaserScan", "scans", lambda _: laser,
         xyz_m=[0.5, 0, 0],
     ).series  # fmt: skip
     assert isinstance(scans, ScanSeries)
@@ -363,7 +363,7 @@ def test_sonars_and_scans(tmp_path: Path) -> None:
 
 def test_numbers_become_depths_by_the_card(tmp_path: Path) -> None:
     depth = read_one(
-        tmp_path, "/counts", "std_msgs/msg/Float64", "depth", lambda m: {"data": 177.0},
+        tmp_path, "/counts", "std_msgs/msg/Float64", "depth", lambda _: {"data": 177.0},
         scale=0.01, offset_m=-1.0,
     ).series  # fmt: skip
     assert isinstance(depth, DepthSeries)
