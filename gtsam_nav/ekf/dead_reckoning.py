@@ -36,6 +36,8 @@ START_SIGMA = (10.0, 10.0, 5.0, 1.0)
 vehicle that is already under way would otherwise be gated out for ever."""
 
 SAME_TIME_S = 1e-6
+VELOCITY_SIZES = slice(2, 4)
+"""Places in the gate of measurements of three and four entries: velocities, with a turn rate."""
 
 
 @dataclass(frozen=True)
@@ -135,6 +137,9 @@ def dead_reckon(
     """
     measurements, left_out = collect_measurements(mission, config.motion)
     gate = np.array([chi2_limit(config.dr.gate_probability, size) for size in range(1, 5)])
+    if not mission.of_type("dvl"):
+        # wheels have no echoes to mistake: a sudden change is the vehicle's
+        gate[VELOCITY_SIZES] = np.inf
     t = record_times(start.t, mission.span_s[1], config.motion.rate_hz)
     restarts = None
     if restarts_s is not None:
