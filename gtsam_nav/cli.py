@@ -39,11 +39,7 @@ app.add_typer(config_app, name="config")
 
 MissionArgument = Annotated[Path, typer.Argument(metavar="MISSION", help="Mission folder or logs.")]
 ConfigOption = Annotated[
-    Path | None, typer.Option("--config", "-c", metavar="FILE", help="Configuration (YAML).")
-]
-CardOption = Annotated[
-    Path | None,
-    typer.Option("--config", "-c", metavar="FILE", help="YAML with a card, the section mission."),
+    Path | None, typer.Option("--config", "-c", metavar="FILE", help="Settings; a card (YAML).")
 ]
 SetOption = Annotated[
     list[str], typer.Option("--set", metavar="KEY=VALUE", help="Override a setting; repeatable.")
@@ -127,7 +123,7 @@ def settle_output(folder: Path, *runs: Path) -> None:
 @app.command()
 def inspect(
     mission: MissionArgument,
-    config: CardOption = None,
+    config: ConfigOption = None,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
@@ -385,7 +381,7 @@ def simulate(
 def convert(
     mission: MissionArgument,
     out: Annotated[Path, typer.Option(metavar="FOLDER", help="Mission folder to write.")],
-    config: CardOption = None,
+    config: ConfigOption = None,
     quiet: QuietOption = False,
 ) -> None:
     """Write a mission of any format as a mission folder."""

@@ -55,12 +55,12 @@ def sensor_table(found: Audit) -> Table:
 
 def stream_table(contents: Contents) -> Table:
     """The streams of a file, and what each could be."""
-    columns = ("topic", "type", ">messages", ">rate Hz", "could be", "clock")
+    columns = ("stream", "holds", ">messages", ">rate Hz", "could be", "clock")
     rows = [
         (
             s.name,
             s.type,
-            str(s.n_messages),
+            "-" if s.n_messages is None else str(s.n_messages),
             figure(s.rate_hz, 1),
             ", ".join(s.could_be) or "-",
             s.clock,

@@ -12,8 +12,9 @@ class Stream:
     Attributes
     ----------
     name, type : str
-        Topic and message type of a bag.
-    n_messages : int
+        Topic and message type of a bag, file and columns of CSV.
+    n_messages : int or None
+        None where they were not counted.
     rate_hz : float or None
         Of the median interval; None where it was not looked at.
     could_be : tuple of str
@@ -24,7 +25,7 @@ class Stream:
 
     name: str
     type: str
-    n_messages: int
+    n_messages: int | None
     rate_hz: float | None
     could_be: tuple[str, ...]
     clock: str

@@ -21,7 +21,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -29,9 +28,9 @@ import numpy as np
 
 from gtsam_nav.cards import MISSION_SECTION, read_yaml
 from gtsam_nav.errors import DataError
-from gtsam_nav.frames import FLU_FROM_FRD, Array, Origin
+from gtsam_nav.frames import Array, Origin
 from gtsam_nav.mission import Mission, Rejection, Sensor
-from gtsam_nav.preprocess.cleaning import screen, tidy
+from gtsam_nav.preprocess.cleaning import tidy
 from gtsam_nav.readers._clock import on_mission_time
 from gtsam_nav.readers._gnss import Fixes
 from gtsam_nav.readers._mounting import ORIENTING_TYPES, in_body_axes
@@ -45,12 +44,13 @@ from gtsam_nav.readers._ros_clock import (
     clock_warnings,
     stamps_of,
 )
-from gtsam_nav.readers._ros_dialects import NO_FIX, Columns, Sample
+from gtsam_nav.readers._ros_dialects import Columns
+from gtsam_nav.readers._ros_messages import NO_FIX, Sample
 from gtsam_nav.readers._ros_mounting import Frames, Mounting
+from gtsam_nav.readers._ros_rows import Cleaned, Rows, beams, scans, with_usual_noise
 from gtsam_nav.readers.contents import Contents, Stream
-from gtsam_nav.readers.layout import LAYOUTS
 from gtsam_nav.sensors.noise import NOISE_MODELS
-from gtsam_nav.series import SERIES_TYPES, BeamSeries, BoolArray, ScanSeries, Series
+from gtsam_nav.series import SERIES_TYPES, BoolArray, ScanSeries
 from gtsam_nav.solution import Progress, no_progress
 
 NAME = "ROS bag"
@@ -59,8 +59,6 @@ EXPECTS = "a .bag file, a folder of them, or a ROS 2 bag's folder (metadata.yaml
 UNDECODABLE = "undecodable message"
 BARE_TYPES = ("odometry", "reference")
 """Sensors whose samples are the body's as they are: a mounting would not be read."""
-
-Cleaned = tuple[Series | None, list[Rejection]]
 
 
 def can_open(path: Path) -> bool:
@@ -183,41 +181,6 @@ def _files(bag: Bag) -> list[Path]:
     ]
 
 
-@dataclass
-class _Rows:
-    """Messages of one sensor as they come: their numbers, or why there are none."""
-
-    samples: list[Sample | None] = field(default_factory=list)
-    reasons: list[str] = field(default_factory=list)
-
-    def add(self, sample: Sample | str) -> None:
-        """One message."""
-        self.samples.append(None if isinstance(sample, str) else sample)
-        self.reasons.append(sample if isinstance(sample, str) else "")
-
-    def refused(self) -> dict[str, BoolArray]:
-        """Messages without numbers, by reason."""
-        reasons = np.array(self.reasons, dtype=object)
-        return {reason: reasons == reason for reason in sorted({*self.reasons} - {""})}
-
-    def objects(self, name: str) -> list[Any]:
-        """What one key of the samples holds; None where there is no sample."""
-        return [None if sample is None else sample[name] for sample in self.samples]
-
-    def stacked(self, names: Sequence[str] | None = None) -> Columns:
-        """The samples' numbers, one row a message, NaN where there are none."""
-        first = next((sample for sample in self.samples if sample is not None), {})
-        columns: Columns = {}
-        for name in names if names is not None else first:
-            shape = np.shape(first.get(name, 0.0))
-            values = np.full((len(self.samples), *shape), np.nan)
-            for k, sample in enumerate(self.samples):
-                if sample is not None:
-                    values[k] = sample[name]
-            columns[name] = values
-        return columns
-
-
 class _Reading:
     """The messages of the chosen topics on their way to sensors."""
 
@@ -229,7 +192,7 @@ class _Reading:
         self.clocks = clocks
         self.frames = frames
         self.stamps: dict[str, Stamp] = choose_stamps(choices, clocks)
-        self.rows = {choice.name: _Rows() for choice in choices}
+        self.rows = {choice.name: Rows() for choice in choices}
         self.origin: Origin | None = None
         self.rejections: list[Rejection] = []
         self.warnings: list[str] = []
@@ -306,9 +269,9 @@ class _Reading:
         t = stamps_of(self.clocks[choice.topic.name], self.stamps[choice.name])
         kind = choice.dialect.sensor
         if kind == "scans":
-            return _scans(choice.name, t, rows, mounting)
+            return scans(choice.name, t, rows, mounting)
         if kind == "beams":
-            return _beams(choice.name, t, rows)
+            return beams(choice.name, t, rows)
         if not any(sample is not None for sample in rows.samples):
             return None, [
                 Rejection(float(t[k]), choice.name, k, reason)
@@ -317,7 +280,7 @@ class _Reading:
         columns = choice.dialect.convert(rows.stacked())
         model = NOISE_MODELS.get(kind)
         noise = None if model is None else model.model_validate(choice.entry.noise)
-        columns = _with_usual_noise(kind, columns, noise)
+        columns = with_usual_noise(kind, columns, noise)
         if "latitude_deg" in columns:
             return self._fixes(choice.name, t, columns, rows.refused())
         return tidy(
@@ -349,55 +312,3 @@ def _sample(choice: Choice, message: Any | None) -> Sample | str:
             f"topic '{choice.topic.name}': {choice.topic.type} is not the message that is known"
             f" under this name: {error}"
         ) from error
-
-
-def _with_usual_noise(kind: str, columns: Columns, noise: Any) -> Columns:
-    """The columns with the noise model's sigma where a message states none."""
-    filled = dict(columns)
-    for spec in LAYOUTS[kind]:
-        if not spec.noise or spec.series not in filled:
-            continue
-        usual = np.array([getattr(noise, figure) for figure in spec.noise], dtype=float)
-        usual = np.radians(usual) if spec.degrees else usual
-        values = filled[spec.series]
-        filled[spec.series] = np.where(
-            np.isnan(values), usual if values.ndim > 1 else usual[0], values
-        )
-    return filled
-
-
-def _beams(name: str, t: Array, rows: _Rows) -> Cleaned:
-    """Beams of the commonest number of bins and range; a series holds but one."""
-    columns = rows.stacked(("angle", "range_m"))
-    echoes = rows.objects("intensity")
-    bins = np.array([0 if e is None else len(e) for e in echoes])
-    kinds = Counter(
-        (int(bins[k]), float(columns["range_m"][k])) for k in np.flatnonzero(bins).tolist()
-    )
-    if not kinds:
-        n_bins, range_m = 1, 1.0
-    else:
-        n_bins, range_m = min(kinds, key=lambda kind: (-kinds[kind], kind))
-    odd = (bins > 0) & ((bins != n_bins) | (columns["range_m"] != range_m))
-    intensity = np.zeros((len(t), n_bins), dtype=np.uint8)
-    for k in np.flatnonzero((bins > 0) & ~odd).tolist():
-        intensity[k] = echoes[k]
-    return tidy(
-        BeamSeries,
-        name,
-        {"t": t, "angle": columns["angle"], "intensity": intensity},
-        refused={**rows.refused(), "another range or number of bins": odd},
-        resolution_m=range_m / n_bins,
-    )
-
-
-def _scans(name: str, t: Array, rows: _Rows, mounting: Mounting) -> Cleaned:
-    R_bs, xyz_b = mounting
-    kept, rejections = screen(ScanSeries, name, {"t": t}, refused=rows.refused())
-    if not len(kept):
-        return None, rejections
-    points = rows.objects("points")
-    seen = [(points[k] @ FLU_FROM_FRD @ R_bs.T + xyz_b)[:, :2] for k in kept]
-    first = np.concatenate([[0], np.cumsum([len(p) for p in seen])]).astype(np.int64)
-    series = ScanSeries(t=t[kept], row=kept, first=first, points_b=np.concatenate(seen))
-    return series, rejections
