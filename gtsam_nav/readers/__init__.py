@@ -60,6 +60,7 @@ _READERS = (
     "gtsam_nav.readers.waterlinked",
     "gtsam_nav.readers.carmen",
     "gtsam_nav.readers.ping360",
+    "gtsam_nav.readers.g2o",
     "gtsam_nav.readers.csv_files",
 )
 

@@ -22,6 +22,7 @@ from tests.missions import every_sensor_mission
 from tests.readers import (
     test_carmen,
     test_csv_files,
+    test_g2o,
     test_mrclam,
     test_nmea,
     test_ping360,
@@ -77,6 +78,7 @@ SAMPLES: dict[str, Callable[[Path], Path]] = {
     "Water Linked JSON": text("dvl.txt", [test_waterlinked.report(100, 0.1 * k) for k in range(6)]),
     "CARMEN log": text("log.clf", CARMEN),
     "Ping360 dump": test_ping360.dump,
+    "g2o graph": text("park.g2o", test_g2o.GRAPH.splitlines()),
 }
 BY_CARD = {"CSV with a card": test_csv_files.files}
 """Readers that do not open anything without a card."""
