@@ -62,6 +62,7 @@ InjectOption = Annotated[
         help="Spoil what the methods see, as in gnss:outliers=0.3 or dvl:drop=300:420; repeatable.",
     ),
 ]
+FrameOption = Annotated[str, typer.Option(metavar="FRAME", help="Axes of files: ned or enu.")]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="No progress bars.")]
 
 
@@ -305,22 +306,22 @@ def compare(
 
 @app.command()
 def evaluate(
-    trajectory: Annotated[Path, typer.Argument(metavar="TRAJECTORY", help=".tum or .csv, NED.")],
-    reference: Annotated[
-        Path, typer.Argument(metavar="REFERENCE", help=".tum, .csv (t, n, e, d, ...) or a mission.")
-    ],
+    trajectory: Annotated[Path, typer.Argument(metavar="TRAJECTORY", help=".tum, .kitti or .csv.")],
+    reference: Annotated[Path, typer.Argument(metavar="REFERENCE", help="Such, or a mission.")],
     lever_arm: Annotated[
         str | None, typer.Option(metavar="X,Y,Z", help="Reference's antenna in the body, m.")
     ] = None,
     window: Annotated[
         str | None, typer.Option(metavar="FROM,TO", help="Score this span of time only, s.")
     ] = None,
+    frame: FrameOption = "ned",
     as_json: JsonOption = False,
 ) -> None:
     """Score a trajectory against a reference."""
     from gtsam_nav.config import load_config
     from gtsam_nav.evaluation.metrics import evaluate_trajectory, reference_series
     from gtsam_nav.evaluation.references import open_reference
+    from gtsam_nav.writers.frame import frame_named
     from gtsam_nav.writers.run_record import read_record
     from gtsam_nav.writers.trajectories import read_trajectory
 
@@ -329,8 +330,8 @@ def evaluate(
     # a run's own files say which fixes it saw, what it scored and whether it knew where it was
     beside, record = trajectory.with_name("config.yaml"), trajectory.with_name("run.json")
     config = load_config(beside if beside.is_file() else None)
-    estimated = read_trajectory(trajectory)
-    truth = open_reference(reference, config.gnss)
+    estimated = read_trajectory(trajectory, frame_named(frame))
+    truth = open_reference(reference, config.gnss, frame=frame_named(frame))
     scored = config.evaluation.window_s if window_s is None else (window_s[0], window_s[1])
     scores = evaluate_trajectory(
         estimated,
@@ -405,7 +406,7 @@ def export(
     to: Annotated[
         str, typer.Option(metavar="FORMATS", help="Of tum,kitti,g2o,nav,geojson,kml,ply.")
     ],
-    frame: Annotated[str, typer.Option(metavar="FRAME", help="ned or enu.")] = "ned",
+    frame: FrameOption = "ned",
 ) -> None:
     """Write finished runs in other formats."""
     from gtsam_nav.writers.exports import export_run

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from bags import KINDS, ZERO_S, Message, Messages, messages_of, write_bag
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Origin, quaternion_from_rpy, rotation_from_rpy
@@ -28,7 +29,6 @@ from gtsam_nav.series import (
     ScanSeries,
     Series,
 )
-from tests.bags import KINDS, ZERO_S, Message, Messages, messages_of, write_bag
 
 IMU = "sensor_msgs/msg/Imu"
 

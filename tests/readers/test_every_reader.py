@@ -9,30 +9,28 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import test_carmen
+import test_csv_files
+import test_g2o_graphs
+import test_mrclam
+import test_nmea
+import test_ping360
+import test_plaza
+import test_rosbag
+import test_rtklib
+import test_stpere
+import test_toro
+import test_waterlinked
+from bags import messages_of, write_bag
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from missions import every_sensor_mission
 
 from gtsam_nav.errors import DataError, GtsamNavError
 from gtsam_nav.mission import Mission
 from gtsam_nav.readers import Reader, open_mission, readers
 from gtsam_nav.series import CloudSeries
 from gtsam_nav.writers.mission_folder import write_mission
-from tests.bags import messages_of, write_bag
-from tests.missions import every_sensor_mission
-from tests.readers import (
-    test_carmen,
-    test_csv_files,
-    test_g2o,
-    test_mrclam,
-    test_nmea,
-    test_ping360,
-    test_plaza,
-    test_rosbag,
-    test_rtklib,
-    test_stpere,
-    test_toro,
-    test_waterlinked,
-)
 
 
 def folder(place: Path) -> Path:
@@ -78,7 +76,7 @@ SAMPLES: dict[str, Callable[[Path], Path]] = {
     "Water Linked JSON": text("dvl.txt", [test_waterlinked.report(100, 0.1 * k) for k in range(6)]),
     "CARMEN log": text("log.clf", CARMEN),
     "Ping360 dump": test_ping360.dump,
-    "g2o graph": text("park.g2o", test_g2o.GRAPH.splitlines()),
+    "g2o graph": text("park.g2o", test_g2o_graphs.GRAPH.splitlines()),
 }
 BY_CARD = {"CSV with a card": test_csv_files.files}
 """Readers that do not open anything without a card."""
