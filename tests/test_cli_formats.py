@@ -46,12 +46,11 @@ def bag(tmp_path: Path) -> Path:
 @pytest.fixture
 def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
     module: Any = import_module("gtsam_nav.evaluation.report")
+
     def stand_in(_solutions: object, out: Path, _config: object) -> Path:
         return out / "report.html"
 
     monkeypatch.setattr(module, "write_report", stand_in)
-        module, "write_report", lambda _solutions, out, _config: out / "report.html"
-    )
 
 
 def test_inspect_lists_a_bag_and_prints_a_card(

@@ -1,7 +1,7 @@
 """What a ROS bag holds, and on which clock: topics, stamps and static transforms.
 
-ROS 1 ``.bag`` files and ROS 2 folders (``metadata.yaml`` beside ``.db3`` or ``.mcap``) are read by
-`rosbags`, without ROS.
+ROS 1 ``.bag`` files, ROS 2 folders (``metadata.yaml`` beside ``.db3`` or ``.mcap``) and such files
+by themselves are read by `rosbags`, without ROS.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from rosbags.interfaces import Connection
 
 METADATA = "metadata.yaml"
-STORAGES = (".db3", ".mcap")
+ROS1, STORAGES = ".bag", (".db3", ".mcap")
 TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 HEADER = "std_msgs/msg/Header"
 
@@ -218,19 +218,20 @@ class Bag:
 
 
 def bag_paths(path: Path) -> tuple[Path, ...]:
-    """What `rosbags` must be given for a path: one ROS 2 folder, or all ROS 1 files of a folder.
+    """What `rosbags` must be given for a path: a file, a ROS 2 folder, or all files of a folder.
 
     Empty where the path is no bag.
     """
-    if path.is_dir():
-        if (path / METADATA).is_file():
-            return (path,)
-        return tuple(sorted(p for p in path.iterdir() if p.suffix == ".bag" and p.is_file()))
-    if not path.is_file():
+    if path.is_file():
+        return (path,) if path.suffix in (ROS1, *STORAGES) else ()
+    if not path.is_dir():
         return ()
-    if path.suffix in STORAGES and (path.parent / METADATA).is_file():
-        return (path.parent,)
-    return (path,) if path.suffix in (".bag", *STORAGES) else ()
+    if (path / METADATA).is_file():
+        return (path,)
+    files = [p for p in sorted(path.iterdir()) if p.is_file()]
+    # the two kinds do not go together
+    ros1 = tuple(p for p in files if p.suffix == ROS1)
+    return ros1 or tuple(p for p in files if p.suffix in STORAGES)
 
 
 @contextmanager
@@ -250,13 +251,6 @@ def open_bag(path: Path) -> Iterator[Bag]:
         ours |= get_types_from_msg("\n".join(line.strip() for line in text.splitlines()), name)
     standard = get_typestore(Stores.ROS2_HUMBLE)
     paths = bag_paths(path)
-    bare = [p for p in paths if p.suffix in STORAGES and p.is_file()]
-    if bare:
-        raise DataError(
-            f"a ROS 2 bag is a folder with its {METADATA}, which is missing beside {bare[0].name};"
-            " 'ros2 bag reindex' writes it",
-            path,
-        )
     try:
         reader = AnyReader(paths, default_typestore=standard)
         reader.open()

@@ -1,4 +1,4 @@
-"""ROS bags without ROS: ROS 1 ``.bag`` files, ROS 2 folders of ``.db3`` or ``.mcap``.
+"""ROS bags without ROS: ROS 1 ``.bag``, ROS 2 ``.db3`` and ``.mcap``, several files as one.
 
 Which topics become which sensors is a card's matter, the section ``mission`` of a file given by
 ``-c``; ``gtsam-nav inspect BAG`` prints one::
@@ -54,7 +54,7 @@ from gtsam_nav.series import SERIES_TYPES, BoolArray, ScanSeries
 from gtsam_nav.solution import Progress, no_progress
 
 NAME = "ROS bag"
-EXPECTS = "a .bag file, a folder of them, or a ROS 2 bag's folder (metadata.yaml, .db3 or .mcap)"
+EXPECTS = "a .bag, .db3 or .mcap file, a folder of such, or a ROS 2 bag's folder (metadata.yaml)"
 
 UNDECODABLE = "undecodable message"
 BARE_TYPES = ("odometry", "reference")
@@ -62,7 +62,7 @@ BARE_TYPES = ("odometry", "reference")
 
 
 def can_open(path: Path) -> bool:
-    """Whether the path is a bag, or a folder with ROS 1 bags."""
+    """Whether the path is a bag, or a folder with files of one."""
     try:
         return bool(bag_paths(path))
     except (OSError, ValueError):
@@ -75,7 +75,7 @@ def read(path: Path, progress: Progress = no_progress, card: Path | None = None)
     Parameters
     ----------
     path : Path
-        Several ROS 1 files in one folder are read as one.
+        Several files in one folder are read as one.
     progress : Progress, optional
     card : Path, optional
         YAML with the section ``mission``.
@@ -94,7 +94,7 @@ def read(path: Path, progress: Progress = no_progress, card: Path | None = None)
         origin = None if stated.origin is None else stated.origin.to_origin()
         sensors = reading.sensors(origin)
         mission = Mission(
-            name=stated.name or path.resolve().name.removesuffix(".bag"),
+            name=stated.name or _name(path),
             sensors=sensors,
             origin=reading.origin,
             start_utc=float(bag.zero_s) if bag.is_posix else None,
@@ -171,6 +171,11 @@ def _yaml(stated: BagCard, choices: list[Choice], clocks: dict[str, Clock], fram
         entries[choice.name] = BagSensor.model_validate({**given, **found})
     tree = stated.model_copy(update={"sensors": entries}).to_tree()
     return yaml.safe_dump(tree, sort_keys=False, default_flow_style=None)
+
+
+def _name(path: Path) -> str:
+    place = path.resolve()
+    return place.stem if place.is_file() else place.name
 
 
 def _files(bag: Bag) -> list[Path]:

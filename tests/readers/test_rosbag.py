@@ -408,13 +408,22 @@ def test_bytes_that_are_no_bag(tmp_path: Path) -> None:
         open_mission(tmp_path / "x.bag")
 
 
-def test_a_bare_mcap_is_told_what_is_missing(tmp_path: Path) -> None:
-    path = bag_of(tmp_path, still, "mcap")
-    (file,) = path.glob("*.mcap")
-    assert list(open_mission(file).sensors) == ["imu"]
-    (path / "metadata.yaml").unlink()
-    with pytest.raises(DataError, match=r"metadata.yaml.*ros2 bag reindex"):
-        open_mission(file)
+@pytest.mark.parametrize("kind", ["sqlite3", "mcap"])
+def test_files_without_their_metadata_are_read_and_several_are_one(
+    tmp_path: Path, kind: str
+) -> None:
+    messages = sorted(messages_of(mission(), kind), key=lambda m: m[2])
+    whole = write_bag(tmp_path / "whole", kind, messages)
+    folder = tmp_path / "bare"
+    folder.mkdir()
+    for name, part in (("a", messages[:150]), ("b", messages[150:])):
+        written = write_bag(tmp_path / name, kind, part)
+        (file,) = (p for p in written.iterdir() if p.suffix != ".yaml")
+        file.rename(folder / file.name)
+    one, two = open_mission(whole), open_mission(folder)
+    for name, sensor in one.sensors.items():
+        np.testing.assert_array_equal(sensor.series.t, two.sensors[name].series.t)
+    assert len(open_mission(two.sources[0]).sensors["imu"].series) < len(one.sensors["imu"].series)
 
 
 def test_an_unknown_message_type_is_named(tmp_path: Path) -> None:
