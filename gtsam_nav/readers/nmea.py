@@ -234,6 +234,11 @@ class _Log:
         # what came before the first time has none
         self.t = np.append(np.array(stamps) - self.zero_s, np.nan)
 
+    @property
+    def velocities_told(self) -> list[tuple[int, float, float]]:
+        """VTG's, else RMC's."""
+        return self.velocities["VTG"] or self.velocities["RMC"]
+
     def warnings(self) -> list[str]:
         """What was not read."""
         found = []
@@ -244,6 +249,10 @@ class _Log:
             found.append(f"{self.garbled} lines are no whole sentence and left out")
         if self.unsummed and not self.summed:
             found.append("the sentences have no checksums: damage goes unnoticed")
+        if self.headings and self.velocities_told:
+            found.append(
+                "'speed' is turned by 'heading': how these agree says nothing of the heading"
+            )
         if not self.dated:
             found.append("no RMC sentence tells the date: mission time has no UTC")
         return found
@@ -331,7 +340,7 @@ def _fixes(log: _Log) -> Fixes:
 
 def _velocities(log: _Log, t: Array, needed: Array) -> Array | None:
     """The velocity nearest in time to each fix; None where one that is needed has none near."""
-    told = log.velocities["VTG"] or log.velocities["RMC"]
+    told = log.velocities_told
     if not told:
         return None
     time, speed, course = (np.array(values) for values in zip(*told, strict=True))
