@@ -21,6 +21,9 @@ from gtsam_nav.series import SERIES_TYPES
 from gtsam_nav.settings import Settings
 
 MAX_YAML_BYTES = 1_000_000
+MISSION_SECTION = "mission"
+"""What a file of settings may hold beside them: the card of a mission that has none inside."""
+
 PACKAGE = Path(__file__).parent
 CARD_FOLDERS = (PACKAGE / "datasets", PACKAGE.parent / "datasets")
 
@@ -202,8 +205,8 @@ def load_card(name: str) -> Card:
     raise DataError(f"no data-set card '{name}'; the cards are: {', '.join(known) or 'none'}")
 
 
-def read_yaml(path: Path, model: type[Model]) -> Model:
-    """Read and validate a YAML file.
+def read_yaml(path: Path, model: type[Model], section: str | None = None) -> Model:
+    """Read and validate a YAML file, or one section of it.
 
     Raises
     ------
@@ -219,12 +222,24 @@ def read_yaml(path: Path, model: type[Model]) -> Model:
         raise DataError(f"not YAML: {error.problem or error.context}", path, line) from error
     except (OSError, yaml.YAMLError, *_YAML_FAULTS) as error:
         raise DataError(f"not readable as YAML: {error}", path) from error
+    if section is not None:
+        tree = tree.get(section) if isinstance(tree, dict) else None
     if not isinstance(tree, dict):
-        raise DataError(f"must be a map with the keys {', '.join(model.model_fields)}", path)
+        where = "must" if section is None else f"the section '{section}' must"
+        raise DataError(f"{where} be a map with the keys {', '.join(model.model_fields)}", path)
     try:
         return model.model_validate(tree)
     except ValidationError as error:
         raise DataError(_first_fault(error), path) from error
+
+
+def with_mission(path: Path | None) -> Path | None:
+    """The path again where it is a YAML file with a section ``mission``, a mission's card."""
+    try:
+        tree = None if path is None else yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, yaml.YAMLError, *_YAML_FAULTS):
+        return None
+    return path if isinstance(tree, dict) and MISSION_SECTION in tree else None
 
 
 def _first_fault(error: ValidationError) -> str:

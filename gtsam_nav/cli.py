@@ -8,7 +8,7 @@ import sys
 import time
 import traceback
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast
@@ -58,6 +58,7 @@ InjectOption = Annotated[
         help="Spoil what the methods see, as in gnss:outliers=0.3 or dvl:drop=300:420; repeatable.",
     ),
 ]
+FrameOption = Annotated[str, typer.Option(metavar="FRAME", help="Axes of files: ned or enu.")]
 
 
 @app.callback()
@@ -117,18 +118,27 @@ def settle_output(folder: Path, *runs: Path) -> None:
 
 @app.command()
 def inspect(
-    mission: MissionArgument, as_json: JsonOption = False, quiet: QuietOption = False
+    mission: MissionArgument,
+    config: ConfigOption = None,
+    as_json: JsonOption = False,
+    quiet: QuietOption = False,
 ) -> None:
-    """Check rates, gaps, clocks, units and signs of a mission."""
+    """Check rates, gaps, clocks, units and signs of a mission; list a bag and print its card."""
     from gtsam_nav.audit import audit
-    from gtsam_nav.readers import open_mission
+    from gtsam_nav.cards import with_mission
+    from gtsam_nav.readers import describe, open_mission
+    from gtsam_nav.tables import finding_table, sensor_table, stream_table
 
+    card = with_mission(config)
+    contents = describe(mission, card)
+    if contents is not None and not as_json:
+        show(stream_table(contents), "")
     with progress_bars(quiet) as progress:
-        found = audit(open_mission(mission, progress))
+        found = audit(open_mission(mission, progress, card))
     if as_json:
-        show_json(found.to_json())
+        listed = None if contents is None else asdict(contents)
+        show_json({**found.to_json(), "contents": listed})
         return
-    from gtsam_nav.tables import finding_table, sensor_table
 
     rest = f", at rest for at least the first {found.rest_s:.0f} s" if found.rest_s else ""
     show(
@@ -139,6 +149,8 @@ def inspect(
         f"span {found.span_s[0]:.1f} to {found.span_s[1]:.1f} s{rest}",
         f"methods that can run: {', '.join(found.methods) or 'none'}",
     )
+    if contents is not None:
+        show("", "card for run MISSION -c FILE:", "", contents.card)
     for warning in found.warnings:
         say(f"warning: {warning}")
 
@@ -158,6 +170,8 @@ def run(
     quiet: QuietOption = False,
 ) -> None:
     """Estimate a mission, score it and write a report."""
+    from gtsam_nav.audit import with_alerts
+    from gtsam_nav.cards import with_mission
     from gtsam_nav.config import load_config
     from gtsam_nav.evaluation.report import write_report
     from gtsam_nav.methods import check_method
@@ -173,7 +187,7 @@ def run(
     settle_output(folder, *(folder / name for name in names))
     with progress_bars(quiet) as progress:
         begin = time.perf_counter()
-        opened = looked_over(open_cropped(mission, start, stop, progress))
+        opened = with_alerts(open_cropped(mission, start, stop, progress, with_mission(config)))
         solutions, failures = estimate_each(
             opened, names, resolved, faults, folder, begin, progress
         )
@@ -191,7 +205,9 @@ def run(
         raise typer.Exit(max(error.exit_code for error in failures.values()))
 
 
-def open_cropped(path: Path, start_s: float, stop_s: float, progress: Progress) -> Mission:
+def open_cropped(
+    path: Path, start_s: float, stop_s: float, progress: Progress, card: Path | None = None
+) -> Mission:
     """Open a mission and keep the samples of start <= t < stop.
 
     Raises
@@ -201,7 +217,7 @@ def open_cropped(path: Path, start_s: float, stop_s: float, progress: Progress) 
     """
     from gtsam_nav.readers import open_mission
 
-    opened = open_mission(path, progress)
+    opened = open_mission(path, progress, card)
     cropped = opened.crop(start_s, stop_s)
     if not any(len(sensor.series) for sensor in cropped.sensors.values()):
         first, last = opened.span_s
@@ -211,13 +227,6 @@ def open_cropped(path: Path, start_s: float, stop_s: float, progress: Progress) 
             path,
         )
     return cropped
-
-
-def looked_over(mission: Mission) -> Mission:
-    """The mission with the audit's alerts among its warnings."""
-    from gtsam_nav.audit import audit
-
-    return replace(mission, warnings=(*mission.warnings, *audit(mission).alerts))
 
 
 def estimate_each(
@@ -297,22 +306,22 @@ def compare(
 
 @app.command()
 def evaluate(
-    trajectory: Annotated[Path, typer.Argument(metavar="TRAJECTORY", help=".tum or .csv, NED.")],
-    reference: Annotated[
-        Path, typer.Argument(metavar="REFERENCE", help=".tum, .csv (t, n, e, d, ...) or a mission.")
-    ],
+    trajectory: Annotated[Path, typer.Argument(metavar="TRAJECTORY", help=".tum, .kitti or .csv.")],
+    reference: Annotated[Path, typer.Argument(metavar="REFERENCE", help="Such, or a mission.")],
     lever_arm: Annotated[
         str | None, typer.Option(metavar="X,Y,Z", help="Reference's antenna in the body, m.")
     ] = None,
     window: Annotated[
         str | None, typer.Option(metavar="FROM,TO", help="Score this span of time only, s.")
     ] = None,
+    frame: FrameOption = "ned",
     as_json: JsonOption = False,
 ) -> None:
     """Score a trajectory against a reference."""
     from gtsam_nav.config import load_config
     from gtsam_nav.evaluation.metrics import evaluate_trajectory, reference_series
     from gtsam_nav.evaluation.references import open_reference
+    from gtsam_nav.writers.frame import frame_named
     from gtsam_nav.writers.run_record import read_record
     from gtsam_nav.writers.trajectories import read_trajectory
 
@@ -321,8 +330,8 @@ def evaluate(
     # a run's own files say which fixes it saw, what it scored and whether it knew where it was
     beside, record = trajectory.with_name("config.yaml"), trajectory.with_name("run.json")
     config = load_config(beside if beside.is_file() else None)
-    estimated = read_trajectory(trajectory)
-    truth = open_reference(reference, config.gnss)
+    estimated = read_trajectory(trajectory, frame_named(frame))
+    truth = open_reference(reference, config.gnss, frame=frame_named(frame))
     scored = config.evaluation.window_s if window_s is None else (window_s[0], window_s[1])
     scores = evaluate_trajectory(
         estimated,
@@ -370,12 +379,34 @@ def simulate(
 
 
 @app.command()
+def convert(
+    mission: MissionArgument,
+    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Mission folder to write.")],
+    config: ConfigOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Write a mission of any format as a mission folder."""
+    from gtsam_nav.cards import with_mission
+    from gtsam_nav.readers import open_mission
+    from gtsam_nav.writers.mission_folder import write_mission
+
+    settle_output(out.parent)
+    with progress_bars(quiet) as progress:
+        opened = open_mission(mission, progress, with_mission(config))
+    write_mission(opened, out)
+    start, stop = opened.span_s
+    show(f"mission '{opened.name}', {stop - start:.1f} s: {out}")
+    for warning in opened.warnings:
+        say(f"warning: {warning}")
+
+
+@app.command()
 def export(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="DIR/METHOD, or DIR for all in it.")],
     to: Annotated[
         str, typer.Option(metavar="FORMATS", help="Of tum,kitti,g2o,nav,geojson,kml,ply.")
     ],
-    frame: Annotated[str, typer.Option(metavar="FRAME", help="ned or enu.")] = "ned",
+    frame: FrameOption = "ned",
 ) -> None:
     """Write finished runs in other formats."""
     from gtsam_nav.writers.exports import export_run

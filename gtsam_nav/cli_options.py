@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 ConfigOption = Annotated[
-    Path | None, typer.Option("--config", "-c", metavar="FILE", help="Configuration (YAML).")
+    Path | None, typer.Option("--config", "-c", metavar="FILE", help="Settings; a card (YAML).")
 ]
 SetOption = Annotated[
     list[str], typer.Option("--set", metavar="KEY=VALUE", help="Override a setting; repeatable.")

@@ -9,6 +9,7 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
+from gtsam_nav.cards import MISSION_SECTION
 from gtsam_nav.ekf.settings import (
     DeadReckoningSettings,
     InsSettings,
@@ -70,7 +71,8 @@ def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> Conf
             raise ConfigError(f"{path}: cannot read the configuration: {error}") from error
         if not isinstance(loaded, dict | None):
             raise ConfigError(f"{path}: the configuration must be a map of sections")
-        tree = loaded or {}
+        # a mission's card may stand beside the settings; the readers' business
+        tree = {key: value for key, value in (loaded or {}).items() if key != MISSION_SECTION}
     return _validated(tree, overrides, path)
 
 

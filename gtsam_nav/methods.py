@@ -127,6 +127,7 @@ def estimate(
 
     from gtsam_nav.config import Config
     from gtsam_nav.errors import EstimationError
+    from gtsam_nav.preprocess.agility import fitted_to
     from gtsam_nav.preprocess.gnss_policy import split_fixes
     from gtsam_nav.solution import no_progress
 
@@ -138,6 +139,9 @@ def estimate(
 
         blind = inject(blind, faults, config.seed)
     _check_faults(method, blind)
+    motion, notes = fitted_to(blind, config.motion)
+    config = config.model_copy(update={"motion": motion})
+    blind = replace(blind, warnings=(*blind.warnings, *notes))
     run: Method = import_module(_METHODS[method].module).estimate
     try:
         # matrices of a thousand rows: more BLAS threads spend their time waiting for each other

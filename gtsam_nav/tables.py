@@ -12,6 +12,7 @@ from gtsam_nav.audit.findings import Finding
 from gtsam_nav.batch.ranking import SCORES, Ranking
 from gtsam_nav.doctor import PackageState
 from gtsam_nav.evaluation.comparison import ComparisonRow
+from gtsam_nav.readers.contents import Contents
 
 
 def _table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str | Text]]) -> Table:
@@ -51,6 +52,23 @@ def sensor_table(found: Audit) -> Table:
         for s in found.sensors
     ]
     return _table(f"Sensors of '{found.mission}'", columns, rows)
+
+
+def stream_table(contents: Contents) -> Table:
+    """The streams of a file, and what each could be."""
+    columns = ("stream", "holds", ">messages", ">rate Hz", "could be", "clock")
+    rows = [
+        (
+            s.name,
+            s.type,
+            "-" if s.n_messages is None else str(s.n_messages),
+            figure(s.rate_hz, 1),
+            ", ".join(s.could_be) or "-",
+            s.clock,
+        )
+        for s in contents.streams
+    ]
+    return _table("Streams", columns, rows)
 
 
 def finding_table(findings: Iterable[Finding]) -> Table:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from gtsam_nav.audit.findings import Finding
@@ -123,3 +123,8 @@ def audit(mission: Mission) -> Audit:
         findings=tuple(findings()),
         warnings=mission.warnings,
     )
+
+
+def with_alerts(mission: Mission) -> Mission:
+    """The mission with the audit's alerts among its warnings."""
+    return replace(mission, warnings=(*mission.warnings, *audit(mission).alerts))

@@ -19,7 +19,7 @@ from gtsam_nav.ekf.constant_velocity import (
     run,
 )
 from gtsam_nav.errors import DataError, EstimationError
-from gtsam_nav.frames import Array, quaternion_from_rpy
+from gtsam_nav.frames import Array, quaternion_from_rpy, rotation_from_rpy
 from gtsam_nav.mission import Mission, Rejection
 from gtsam_nav.preprocess.alignment import Alignment, align
 from gtsam_nav.preprocess.settings import MotionSettings
@@ -37,6 +37,8 @@ START_SIGMA = (10.0, 10.0, 5.0, 1.0)
 vehicle that is already under way would otherwise be gated out for ever."""
 
 SAME_TIME_S = 1e-6
+VELOCITY_SIZES = slice(2, 4)
+"""Places in the gate of measurements of three and four entries: velocities, with a turn rate."""
 
 
 @dataclass(frozen=True)
@@ -136,6 +138,9 @@ def dead_reckon(
     """
     measurements, left_out = collect_measurements(mission, config.motion)
     gate = np.array([chi2_limit(config.dr.gate_probability, size) for size in range(1, 5)])
+    if not mission.of_type("dvl"):
+        # wheels have no echoes to mistake: a sudden change is the vehicle's
+        gate[VELOCITY_SIZES] = np.inf
     t = record_times(start.t, mission.span_s[1], config.motion.rate_hz)
     restarts = None
     if restarts_s is not None:
@@ -223,14 +228,25 @@ def collect_measurements(
 
 
 def _odometry(mission: Mission) -> Iterator[Measurements]:
+    # wheels and thrusters slip in turns: where a compass tells these, they are the compass's
+    size = 4 if headings_true(mission) is None else 3
     for sensor in mission.of_type("odometry"):
         series = sensor.series
         assert isinstance(series, OdometrySeries)
-        # u, v, w and r: what drives or floats does not rise
-        value = np.column_stack([series.v_b, np.zeros(len(series)), series.yaw_rate])
+        # u, v, w and r: what drives or floats moves in its own plane, which may lean
+        v_b = np.column_stack([series.v_b, np.zeros(len(series))])
+        value = np.column_stack([_levelled(mission, series.t, v_b), series.yaw_rate])
         s_v, s_w = series.sigma_v, series.sigma_yaw_rate
         variance = np.column_stack([s_v, s_v, s_v, s_w]) ** 2
-        yield _part(sensor.name, series.t, series.row, VELOCITY.start, value, variance)
+        start = VELOCITY.start
+        yield _part(sensor.name, series.t, series.row, start, value[:, :size], variance[:, :size])
+
+
+def _levelled(mission: Mission, t: Array, v_b: Array) -> Array:
+    """Body velocities (n, 3) in axes that are level: the filter's state has no roll and pitch."""
+    tilt, _ = tilt_at(mission, t)
+    R_level = rotation_from_rpy(np.column_stack([tilt, np.zeros(len(t))]))
+    return np.asarray(np.einsum("nij,nj->ni", R_level, v_b))
 
 
 def _depths(mission: Mission) -> Iterator[Measurements]:

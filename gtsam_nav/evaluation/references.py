@@ -14,29 +14,34 @@ from gtsam_nav.readers import open_mission
 from gtsam_nav.readers._table import read_table
 from gtsam_nav.series import ReferenceSeries
 from gtsam_nav.solution import Progress, no_progress
+from gtsam_nav.writers.frame import Frame
 from gtsam_nav.writers.trajectories import read_trajectory
 
 
-def open_reference(path: Path, gnss: GnssSettings, progress: Progress = no_progress) -> Sensor:
+def open_reference(
+    path: Path, gnss: GnssSettings, progress: Progress = no_progress, frame: Frame = "ned"
+) -> Sensor:
     """Open a reference.
 
     Parameters
     ----------
     path : Path
-        A ``.tum`` file or a ``.csv`` in the columns of a mission folder's reference (t, n, e, d
-        [, roll_deg, pitch_deg, yaw_deg][, sigma]), both in mission time and local NED; or a
-        mission.
+        A ``.tum`` or ``.kitti`` file (see `read_trajectory`) or a ``.csv`` in the columns of a
+        mission folder's reference (t, n, e, d[, roll_deg, pitch_deg, yaw_deg][, sigma]), in
+        mission time and the local frame; or a mission.
     gnss : GnssSettings
         Of a mission without a reference of its own the fixes that this policy withholds are taken.
     progress : Progress, optional
+    frame : {"ned", "enu"}
+        Of a ``.tum`` or ``.kitti`` file.
 
     Raises
     ------
     DataError
         Where the file or mission cannot be read, or holds nothing to score on.
     """
-    if path.suffix == ".tum":
-        trajectory = read_trajectory(path)
+    if path.suffix in (".tum", ".kitti"):
+        trajectory = read_trajectory(path, frame)
         series = ReferenceSeries(t=trajectory.t, p_n=trajectory.p_n, rpy=trajectory.rpy)
         return Sensor(path.name, "reference", series)
     if path.suffix == ".csv" or path.suffixes[-2:] == [".csv", ".gz"]:

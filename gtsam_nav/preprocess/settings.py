@@ -14,6 +14,8 @@ class MotionSettings(Settings):
     ----------
     sigma_accel_m_s2, sigma_vertical_accel_m_s2, sigma_yaw_accel_rad_s2 : float
         Densities of the white acceleration that changes its velocities, per square root of Hz.
+    fit_accelerations : bool
+        Raise these where its sensors show a vehicle that is much brisker.
     water_lock_after_s : float
         Water lock is used only where bottom lock stays away for longer.
     rate_hz : float
@@ -32,6 +34,7 @@ class MotionSettings(Settings):
     sigma_accel_m_s2: float = Field(default=0.05, gt=0)
     sigma_vertical_accel_m_s2: float = Field(default=0.02, gt=0)
     sigma_yaw_accel_rad_s2: float = Field(default=0.1, gt=0)
+    fit_accelerations: bool = True
     water_lock_after_s: float = Field(default=10.0, ge=0)
     rate_hz: float = Field(default=10.0, ge=10, le=1000)
     nonholonomic: bool | None = None

@@ -1,18 +1,23 @@
 """Missions from disk: one module a format, found by what it can open.
 
 A format's module has ``NAME``, ``EXPECTS`` (what it looks for, for the message of a path that no
-reader knows), ``can_open(path) -> bool`` and ``read(path, progress) -> Mission``.
+reader knows), ``can_open(path) -> bool`` and ``read(path, progress) -> Mission``. One whose files
+do not say which stream is which sensor also takes ``read(path, progress, card)``, the card being a
+YAML file with a section ``mission``, and lists its streams by ``describe(path, card) -> Contents``.
 """
 
 from __future__ import annotations
 
 from importlib import import_module
 from pathlib import Path
-from typing import Protocol, cast
+from typing import TYPE_CHECKING, Protocol, cast, runtime_checkable
 
-from gtsam_nav.errors import DataError
+from gtsam_nav.errors import ConfigError, DataError
 from gtsam_nav.mission import Mission
 from gtsam_nav.solution import Progress, no_progress
+
+if TYPE_CHECKING:
+    from gtsam_nav.readers.contents import Contents
 
 
 class Reader(Protocol):
@@ -28,6 +33,21 @@ class Reader(Protocol):
         """Read the mission, or raise `DataError`."""
 
 
+@runtime_checkable
+class DescribingReader(Protocol):
+    """A reader of files whose streams a card must name."""
+
+    NAME: str
+
+    def read(
+        self, path: Path, progress: Progress = no_progress, card: Path | None = None
+    ) -> Mission:
+        """Read the mission that a card, or the reader's own choice, makes of the streams."""
+
+    def describe(self, path: Path, card: Path | None = None) -> Contents:
+        """List the streams, and a card for them."""
+
+
 _READERS = (
     "gtsam_nav.readers.folder",
     "gtsam_nav.readers.stpere",
@@ -35,7 +55,17 @@ _READERS = (
     "gtsam_nav.readers.rtklib",
     "gtsam_nav.readers.toro",
     "gtsam_nav.readers.plaza",
+    "gtsam_nav.readers.rosbag",
+    "gtsam_nav.readers.nmea",
+    "gtsam_nav.readers.waterlinked",
+    "gtsam_nav.readers.carmen",
+    "gtsam_nav.readers.ping360",
+    "gtsam_nav.readers.g2o",
+    "gtsam_nav.readers.csv_files",
 )
+
+
+CLOUD_SUFFIXES = (".ply", ".pcd")
 
 
 def readers() -> tuple[Reader, ...]:
@@ -43,7 +73,9 @@ def readers() -> tuple[Reader, ...]:
     return tuple(cast(Reader, import_module(name)) for name in _READERS)
 
 
-def open_mission(path: Path | str, progress: Progress = no_progress) -> Mission:
+def open_mission(
+    path: Path | str, progress: Progress = no_progress, card: Path | str | None = None
+) -> Mission:
     """Read a mission in whatever format it is.
 
     Parameters
@@ -52,17 +84,54 @@ def open_mission(path: Path | str, progress: Progress = no_progress) -> Mission:
         What one of the readers expects: most often a folder, or the stem of a robot's files.
     progress : Progress, optional
         Called as the reading goes on.
+    card : Path or str, optional
+        A file whose section ``mission`` says what the streams of a bag are.
 
     Raises
     ------
     DataError
         Where no reader knows the path, or a file is missing or damaged.
+    ConfigError
+        Where a card is given for a format that describes itself.
     """
     place = Path(path)
+    reader = _reader_of(place)
+    if card is None:
+        return reader.read(place, progress)
+    if not isinstance(reader, DescribingReader):
+        takers = ", ".join(r.NAME for r in readers() if isinstance(r, DescribingReader))
+        raise ConfigError(
+            f"{card}: the section 'mission' is for a {takers}; {place} is a {reader.NAME}"
+        )
+    return reader.read(place, progress, Path(card))
+
+
+def describe(path: Path | str, card: Path | str | None = None) -> Contents | None:
+    """The streams of a file that does not say which of them is which sensor; None of others.
+
+    Raises
+    ------
+    DataError
+        Where no reader knows the path, or it is damaged.
+    """
+    reader = _reader_of(Path(path))
+    if not isinstance(reader, DescribingReader):
+        return None
+    return reader.describe(Path(path), None if card is None else Path(card))
+
+
+def _reader_of(place: Path) -> Reader:
     for reader in readers():
         if reader.can_open(place):
-            return reader.read(place, progress)
+            return reader
     if not place.exists():
         raise DataError("no such file or folder", place)
+    inside = place.iterdir() if place.is_dir() else (place,)
+    if any(file.suffix in CLOUD_SUFFIXES for file in inside):
+        raise DataError(
+            "point clouds alone are no mission: no reader opens them by themselves; a mission"
+            " folder's sensor of type clouds names them with their times",
+            place,
+        )
     expected = "; ".join(f"{reader.NAME}: {reader.EXPECTS}" for reader in readers())
     raise DataError(f"not a mission that any reader knows. They expect: {expected}", place)

@@ -19,6 +19,7 @@ from gtsam_nav.cards import (
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Origin, ned_from_geodetic
 from gtsam_nav.mission import InitialState
+from gtsam_nav.readers.layout import GEODETIC_COLUMNS, LAYOUTS
 from gtsam_nav.series import SERIES_TYPES
 
 MISSION_FILE = "mission.yaml"
@@ -105,11 +106,29 @@ class SensorEntry(SensorCard):
         Whether the samples were synthesised inside an otherwise recorded mission.
     vertical_usable : bool
         Of a reference: whether its d may be scored.
+    columns : map of str to str
+        What the file's header calls a column: ``{t: stamp_ns, gx: rate_x}``.
+    scale : map of str to float
+        What the numbers of a column are multiplied by: ``{t: 1.0e-9, gx: 0.0174533}``.
     """
 
     file: str
     simulated: bool = False
     vertical_usable: bool = True
+    columns: dict[str, str] = Field(default_factory=dict)
+    scale: dict[str, FiniteFloat] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _columns_are_known(self) -> SensorEntry:
+        layout = LAYOUTS.get(self.type, ())
+        known = ["t", *(column for spec in layout for column in spec.columns)]
+        known += GEODETIC_COLUMNS if self.type == "gnss" else ()
+        unknown = [name for name in (*self.columns, *self.scale) if name not in known]
+        if unknown:
+            raise ValueError(
+                f"a {self.type} has no column '{unknown[0]}'; the choices are: {', '.join(known)}"
+            )
+        return self
 
     @classmethod
     def types(cls) -> tuple[str, ...]:

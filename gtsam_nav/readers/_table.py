@@ -49,6 +49,8 @@ def read_table(
     *,
     words: Mapping[str, Mapping[str, float]] | None = None,
     instead: tuple[Sequence[str], Sequence[str]] | None = None,
+    renamed: Mapping[str, str] | None = None,
+    scale: Mapping[str, float] | None = None,
 ) -> Table:
     """Read a CSV file whose header names its columns in any order.
 
@@ -62,6 +64,10 @@ def read_table(
         Words that a column may hold, with the numbers that they stand for.
     instead : (sequence of str, sequence of str), optional
         Required columns, and others that may stand for them.
+    renamed : mapping of str to str, optional
+        What the header calls a column.
+    scale : mapping of str to float, optional
+        What the numbers of a column are multiplied by.
 
     Raises
     ------
@@ -69,7 +75,7 @@ def read_table(
         Where the file is missing or empty, a column is missing, or a line is malformed.
     """
     lines = read_lines(path)
-    names = header_names(lines[0], path)
+    names = _own_names(header_names(lines[0], path), renamed or {}, path)
     needed = list(required)
     or_else = ""
     if instead is not None:
@@ -96,8 +102,27 @@ def read_table(
         words=words,
         unread=frozenset(unknown),
     )
-    columns = {name: rows.values[:, k] for k, name in enumerate(names) if name in wanted}
+    factors = scale or {}
+    columns = {
+        name: rows.values[:, k] * factors[name] if name in factors else rows.values[:, k]
+        for k, name in enumerate(names)
+        if name in wanted
+    }
     return Table(path, columns, unknown, rows.cut_stamp)
+
+
+def _own_names(header: list[str], renamed: Mapping[str, str], path: Path) -> list[str]:
+    """The header's names as they are called here; a name that is another's is nobody's."""
+    missing = [theirs for theirs in renamed.values() if theirs not in header]
+    if missing:
+        raise DataError(
+            f"no column '{missing[0]}', as the map of columns says; the header names"
+            f" {', '.join(header)[:200]}",
+            path,
+            1,
+        )
+    ours = {theirs: own for own, theirs in renamed.items()}
+    return [ours.get(name, f"{name} of the file" if name in renamed else name) for name in header]
 
 
 def header_names(line: str, path: Path) -> list[str]:

@@ -1,12 +1,13 @@
-"""Numbers from text files, plain or gzipped: fast, and errors name the line."""
+"""Numbers from text files, plain, gzipped or bzipped: fast, and errors name the line."""
 
 from __future__ import annotations
 
+import bz2
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import chain
+from itertools import chain, islice
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,7 @@ CHUNK_BYTES = 1_000_000
 MAX_PIECE_BYTES = 4_000_000
 """What is read, and at most decompressed, at a time."""
 
-GZIP_MAGIC = b"\x1f\x8b"
+GZIP_MAGIC, BZIP2_MAGIC = b"\x1f\x8b", b"BZh"
 
 Field = Callable[[str], float]
 
@@ -57,7 +58,7 @@ class Rows:
 
 
 def read_chunks(path: Path) -> Iterator[tuple[bytes, float]]:
-    """The contents of a file piece by piece, decompressed where it is gzipped.
+    """The contents of a file piece by piece, decompressed where it is gzipped or bzipped.
 
     Yields
     ------
@@ -76,7 +77,11 @@ def read_chunks(path: Path) -> Iterator[tuple[bytes, float]]:
             raw = iter(partial(stream.read, CHUNK_BYTES), b"")
             first = next(raw, b"")
             pieces = chain([first], raw)
-            contents = _gunzip(pieces, path) if first.startswith(GZIP_MAGIC) else pieces
+            contents: Iterable[bytes] = pieces
+            if first.startswith(GZIP_MAGIC):
+                contents = _gunzip(pieces, path)
+            elif first.startswith(BZIP2_MAGIC):
+                contents = _bunzip(pieces, path)
             total = 0
             for chunk in contents:
                 total += len(chunk)
@@ -105,6 +110,46 @@ def _gunzip(pieces: Iterable[bytes], path: Path) -> Iterator[bytes]:
             compressed = member.unused_data if member.eof else member.unconsumed_tail
     if not member.eof:
         raise DataError("the gzip archive is cut off", path)
+
+
+def _bunzip(pieces: Iterable[bytes], path: Path) -> Iterator[bytes]:
+    member = bz2.BZ2Decompressor()
+    for piece in pieces:
+        compressed = piece
+        while compressed or not (member.needs_input or member.eof):
+            if member.eof:  # an archive may hold several members
+                member = bz2.BZ2Decompressor()
+            try:
+                yield member.decompress(compressed, MAX_PIECE_BYTES)
+            except OSError as error:
+                raise DataError(f"the bzip2 archive is damaged: {error}", path) from error
+            compressed = member.unused_data if member.eof else b""
+    if not member.eof:
+        raise DataError("the bzip2 archive is cut off", path)
+
+
+def first_lines(path: Path, count: int) -> list[str]:
+    """The first lines of a file, to know it by; none where it cannot be read. Never raises."""
+    try:
+        head = next(iter(read_chunks(path)), (b"", 0.0))[0]
+    except (DataError, OSError, ValueError):
+        return []
+    return list(islice(head.decode("latin-1").splitlines(), count))
+
+
+def stream_lines(path: Path) -> Iterator[tuple[str, float]]:
+    """Line after line of a text file of any size, with the share of it that has been read.
+
+    Bytes that are no UTF-8 are replaced: what they stand in will not be understood.
+    """
+    rest = b""
+    fraction = 0.0
+    for chunk, fraction in read_chunks(path):
+        *whole, rest = (rest + chunk).split(b"\n")
+        for line in whole:
+            yield line.decode("utf-8", "replace").rstrip("\r"), fraction
+    if rest:
+        yield rest.decode("utf-8", "replace"), fraction
 
 
 def read_lines(path: Path, encoding: str = "utf-8-sig") -> list[str]:

@@ -16,6 +16,7 @@
             noise: {sigma_m_s: 0.02}}
       stern_gnss: {type: gnss, file: fixes.csv.gz}
       sonar: {type: beams, file: beams.npz, simulated: true}
+      imu: {file: log.csv, columns: {t: stamp_ns, gx: rate_x}, scale: {t: 1.0e-9, gx: 0.0174533}}
 
 `layout` holds the columns of each file. Angles of a turned compass or attitude sensor (``rpy_deg``)
 become those of the body, and its mounting in the mission is the identity. Without an origin the
@@ -73,23 +74,31 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
     DataError
         Where a file is missing or malformed; names the file and the line or the key.
     """
-    described = read_yaml(file_inside(path, MISSION_FILE), MissionFile)
-    reading = _Reading(path, None if described.origin is None else described.origin.to_origin())
+    description = file_inside(path, MISSION_FILE)
+    return read_described(path, read_yaml(description, MissionFile), description, progress)
+
+
+def read_described(
+    folder: Path, described: MissionFile, description: Path, progress: Progress
+) -> Mission:
+    """Read the files of a folder that a description, from wherever it came, names."""
+    origin = None if described.origin is None else described.origin.to_origin()
+    reading = _Reading(folder, origin, description.name)
     for k, (name, entry) in enumerate(described.sensors.items()):
         progress("read mission", k / len(described.sensors))
         reading.add(name, entry)
     progress("read mission", 1.0)
     mission = Mission(
-        name=described.name or path.resolve().name,
+        name=described.name or folder.resolve().name,
         sensors=reading.sensors,
         origin=reading.origin,
         start_utc=described.start_utc,
-        initial=described.initial.to_state(reading.origin, path / MISSION_FILE),
+        initial=described.initial.to_state(reading.origin, description),
         landmark_map=reading.landmark_map,
         constraints=described.constraints.to_constraints(),
         rejections=tuple(reading.rejections),
         warnings=tuple(reading.warnings),
-        sources=(path / MISSION_FILE, *reading.sources),
+        sources=(description, *reading.sources),
     )
     offsets = {name: entry.time_offset_s for name, entry in described.sensors.items()}
     return on_mission_time(mission, offsets)
@@ -101,6 +110,7 @@ class _Reading:
 
     folder: Path
     origin: Origin | None
+    description: str
     sensors: dict[str, Sensor] = field(default_factory=dict)
     rejections: list[Rejection] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
@@ -144,7 +154,7 @@ class _Reading:
 
     def _numbers(self, name: str, entry: SensorEntry, path: Path) -> Cleaned:
         layout = LAYOUTS[entry.type]
-        table = self._table(name, path, layout, geodetic=entry.type == "gnss")
+        table = self._table(name, entry, path, layout)
         model = NOISE_MODELS.get(entry.type)
         noise = None if model is None else model.model_validate(entry.noise)
         if table.has(GEODETIC_COLUMNS):
@@ -177,19 +187,25 @@ class _Reading:
             self.origin = fixes.first_usable()
             if self.origin is not None:
                 self.warnings.append(
-                    f"{MISSION_FILE} states no origin: the first fix of '{name}' is taken"
+                    f"{self.description} states no origin: the first fix of '{name}' is taken"
                 )
         # without any usable fix every origin does: the reasons come out all the same
         return fixes.series(name, self.origin or Origin(0.0, 0.0))
 
-    def _table(
-        self, name: str, path: Path, layout: tuple[Field, ...], *, geodetic: bool = False
-    ) -> Table:
+    def _table(self, name: str, entry: SensorEntry, path: Path, layout: tuple[Field, ...]) -> Table:
         required = ["t", *(c for spec in layout if spec.required for c in spec.columns)]
         optional = [c for spec in layout if not spec.required for c in spec.columns]
         words = {c: spec.words for spec in layout if spec.words for c in spec.columns}
-        instead = (NED_COLUMNS, GEODETIC_COLUMNS) if geodetic else None
-        table = read_table(path, required, optional, words=words, instead=instead)
+        instead = (NED_COLUMNS, GEODETIC_COLUMNS) if entry.type == "gnss" else None
+        table = read_table(
+            path,
+            required,
+            optional,
+            words=words,
+            instead=instead,
+            renamed=entry.columns,
+            scale=entry.scale,
+        )
         if layout is LAYOUTS["landmarks"] and not table.columns.keys() & {"range_m", "bearing_deg"}:
             raise DataError("column 'range_m' or 'bearing_deg' is needed, or both", path, 1)
         if table.unknown:

@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, cast, get_args
 
+from gtsam_nav.errors import ConfigError
 from gtsam_nav.frames import ENU_FROM_NED, FLU_FROM_FRD, Array
 
 Frame = Literal["ned", "enu"]
+
+
+def frame_named(name: str) -> Frame:
+    """The frame of that name; raises a ConfigError for another."""
+    for frame in get_args(Frame):
+        if name == frame:
+            return cast("Frame", frame)
+    raise ConfigError(f"unknown frame '{name}'; the choices are: {', '.join(get_args(Frame))}")
 
 
 def express_points(points_n: Array, frame: Frame) -> Array:

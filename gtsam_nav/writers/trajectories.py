@@ -14,10 +14,14 @@ from gtsam_nav.frames import (
     geodetic_from_ned,
     quaternion_from_rotation,
     quaternion_from_rpy,
+    rotation_from_quaternion,
 )
 from gtsam_nav.trajectory import Trajectory
 from gtsam_nav.writers.frame import Frame, express_points, express_rotations
 from gtsam_nav.writers.tables import EXACT, format_rows, read_table, write_table
+
+KITTI_TIMES = "times.txt"
+"""What the KITTI odometry benchmark calls the file of a sequence's times, one a line, s."""
 
 
 def write_tum(trajectory: Trajectory, path: Path, frame: Frame = "ned") -> None:
@@ -33,22 +37,61 @@ def write_tum(trajectory: Trajectory, path: Path, frame: Frame = "ned") -> None:
     path.write_text(format_rows(columns, [EXACT] * 8, " "), encoding="utf-8", newline="\n")
 
 
-def read_tum(path: Path) -> Trajectory:
-    """Read a TUM file in NED axes; lines that start with # are comments.
+def read_tum(path: Path, frame: Frame = "ned") -> Trajectory:
+    """Read a TUM file in a frame's axes; lines that start with # are comments.
 
     Raises
     ------
     DataError
         Where the file is missing or does not hold eight numbers a line.
     """
-    try:
-        lines = [line for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
-        values = np.loadtxt(lines, ndmin=2) if lines else np.empty((0, 8))
-    except (OSError, ValueError) as error:
-        raise DataError(f"not a TUM trajectory: {error}", path) from error
+    values = _numbers(path, "TUM")
     if not len(values) or values.shape[1] != 8:
         raise DataError("a TUM trajectory has eight numbers a line: t x y z qx qy qz qw", path)
-    return _valid(path, t=values[:, 0], p_n=values[:, 1:4], q_nb_wxyz=values[:, [7, 4, 5, 6]])
+    q_wxyz = values[:, [7, 4, 5, 6]]
+    if frame != "ned" and np.all(np.linalg.norm(q_wxyz, axis=1) > 0):
+        # the turns are their own inverse
+        R_nb = express_rotations(rotation_from_quaternion(q_wxyz), frame)
+        q_wxyz = quaternion_from_rotation(R_nb)
+    p_n = express_points(values[:, 1:4], frame)
+    return _valid(path, t=values[:, 0], p_n=p_n, q_nb_wxyz=q_wxyz)
+
+
+def read_kitti(path: Path, frame: Frame = "ned") -> Trajectory:
+    """Read a KITTI file in a frame's axes, with the times of ``times.txt`` beside it.
+
+    Raises
+    ------
+    DataError
+        Where a file is missing, does not hold twelve numbers a line, or there is not one time for
+        each pose.
+    """
+    values = _numbers(path, "KITTI")
+    if not len(values) or values.shape[1] != 12:
+        raise DataError("a KITTI trajectory has twelve numbers a line: the rows of [R|p]", path)
+    beside = path.with_name(KITTI_TIMES)
+    if not beside.is_file():
+        raise DataError(f"a KITTI trajectory has no times; {KITTI_TIMES} beside it is needed", path)
+    times = _numbers(beside, "list of times")
+    if times.shape != (len(values), 1):
+        raise DataError(f"{len(values)} poses in {path.name}, but {times.size} times", beside)
+    poses = values.reshape(-1, 3, 4)
+    if not np.allclose(np.linalg.det(poses[:, :, :3]), 1.0, atol=1e-3):
+        raise DataError("the left of [R|p] is no rotation", path)
+    return _valid(
+        path,
+        t=times[:, 0],
+        p_n=express_points(poses[:, :, 3], frame),
+        q_nb_wxyz=quaternion_from_rotation(express_rotations(poses[:, :, :3], frame)),
+    )
+
+
+def _numbers(path: Path, kind: str) -> Array:
+    try:
+        lines = [line for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
+        return np.loadtxt(lines, ndmin=2) if lines else np.empty((0, 0))
+    except (OSError, ValueError) as error:
+        raise DataError(f"not a {kind} trajectory: {error}", path) from error
 
 
 def write_kitti(trajectory: Trajectory, path: Path, frame: Frame = "ned") -> None:
@@ -147,8 +190,16 @@ def read_trajectory_csv(path: Path) -> Trajectory:
     )
 
 
-def read_trajectory(path: Path) -> Trajectory:
-    """Read a trajectory from ``.tum`` (or ``.txt``) or ``.csv``, in NED.
+def read_trajectory(path: Path, frame: Frame = "ned") -> Trajectory:
+    """Read a trajectory from a TUM, KITTI or CSV file.
+
+    Parameters
+    ----------
+    path : Path
+        ``.tum``, ``.kitti`` (with ``times.txt``) or ``.csv``; a ``.txt`` is KITTI where its lines
+        have twelve numbers, else TUM.
+    frame : {"ned", "enu"}
+        Of a TUM or KITTI file; the columns of CSV say theirs.
 
     Raises
     ------
@@ -157,9 +208,12 @@ def read_trajectory(path: Path) -> Trajectory:
     """
     if path.suffix == ".csv":
         return read_trajectory_csv(path)
+    is_text = path.suffix == ".txt" and path.is_file()
+    if path.suffix == ".kitti" or (is_text and _numbers(path, "TUM or KITTI").shape[1] == 12):
+        return read_kitti(path, frame)
     if path.suffix in (".tum", ".txt"):
-        return read_tum(path)
-    raise DataError("a trajectory is a .tum file (or .txt, the same) or a .csv file", path)
+        return read_tum(path, frame)
+    raise DataError("a trajectory is a .tum, .kitti, .txt (either of both) or .csv file", path)
 
 
 def write_nav(trajectory: Trajectory, origin: Origin, path: Path) -> None:

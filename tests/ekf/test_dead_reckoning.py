@@ -250,6 +250,35 @@ def test_odometry_alone_drives_a_circle() -> None:
     assert solution.innovations["wheels"].dof == 4
 
 
+def test_wheels_climb_a_slope_and_slip_in_turns() -> None:
+    """Bow 0.1 rad up and north by AHRS, while the wheels claim to turn."""
+    wheels = odometry(speed_m_s=1.0, yaw_rate=0.5)
+    t = wheels.series.t
+    n = len(t)
+    heading = HeadingSeries(t=t, heading=np.zeros(n), sigma=full(n, 0.01))
+    tilt = AttitudeSeries(t=t, roll=np.zeros(n), pitch=full(n, 0.1), sigma=full(n, 0.01))
+    sensors = {
+        "odometry": wheels,
+        "heading": Sensor("heading", "heading", heading),
+        "attitude": Sensor("attitude", "attitude", tilt),
+    }
+    trajectory = gn.estimate(Mission("slope", sensors), "dr").trajectory
+    way = t[-1] * np.array([np.cos(0.1), 0.0, -np.sin(0.1)])
+    np.testing.assert_allclose(trajectory.p_n[-1], way, atol=0.05)
+
+
+def test_wheels_that_start_at_once_are_believed() -> None:
+    wheels = odometry(speed_m_s=2.0, yaw_rate=0.0)
+    series = wheels.series
+    assert isinstance(series, OdometrySeries)
+    v_b = np.where((series.t > 10.0)[:, None], series.v_b, 0.0)
+    jerky = replace(wheels, series=replace(series, v_b=v_b))
+    solution = gn.estimate(Mission("jerk", {"odometry": jerky}), "dr")
+    driven = 2.0 * (series.t[-1] - 10.0)
+    assert solution.rejections == ()
+    assert solution.trajectory.p_n[-1, 0] == pytest.approx(driven, abs=0.2)
+
+
 def test_odometry_waits_for_a_blind_dvl() -> None:
     both = straight().with_sensor(odometry())
     assert "wheels" not in gn.estimate(both, "dr").innovations

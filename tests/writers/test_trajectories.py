@@ -21,8 +21,11 @@ from gtsam_nav.frames import (
     rotation_from_quaternion,
 )
 from gtsam_nav.trajectory import Trajectory
+from gtsam_nav.writers.frame import Frame
 from gtsam_nav.writers.tables import read_table, write_records
 from gtsam_nav.writers.trajectories import (
+    KITTI_TIMES,
+    read_kitti,
     read_trajectory,
     read_trajectory_csv,
     read_tum,
@@ -180,3 +183,34 @@ def test_records_quote_text_and_leave_the_unknown_empty(tmp_path: Path) -> None:
         tmp_path / "r.csv", ("a", "b", "c"), [(0.1, 'x, "y"', None), (float("nan"), "", 3)]
     )
     assert (tmp_path / "r.csv").read_text() == 'a,b,c\n0.1,"x, ""y""",\n,,3\n'
+
+
+@pytest.mark.parametrize("frame", ["ned", "enu"])
+def test_text_trajectories_come_back_from_both_frames(
+    tmp_path: Path, trajectory: Trajectory, frame: Frame
+) -> None:
+    write_tum(trajectory, tmp_path / "a.tum", frame)
+    write_kitti(trajectory, tmp_path / "a.kitti", frame)
+    (tmp_path / KITTI_TIMES).write_text("\n".join(map(repr, trajectory.t.tolist())))
+    (tmp_path / "poses.txt").write_text((tmp_path / "a.kitti").read_text())
+    for name in ("a.tum", "a.kitti", "poses.txt"):
+        back = read_trajectory(tmp_path / name, frame)
+        np.testing.assert_array_equal(back.t, trajectory.t)
+        np.testing.assert_allclose(back.p_n, trajectory.p_n, atol=1e-12)
+        np.testing.assert_allclose(back.R_nb, trajectory.R_nb, atol=1e-12)
+
+
+def test_kitti_needs_its_times_and_rotations(tmp_path: Path, trajectory: Trajectory) -> None:
+    path = tmp_path / "a.kitti"
+    write_kitti(trajectory, path)
+    with pytest.raises(DataError, match=r"times.txt beside it is needed"):
+        read_kitti(path)
+    (tmp_path / KITTI_TIMES).write_text("0\n1\n")
+    with pytest.raises(DataError, match=r"poses in a.kitti, but 2 times"):
+        read_kitti(path)
+    path.write_text("1 0 0 0 0 1 0 0 0 0 2 0\n" * 2)
+    with pytest.raises(DataError, match="is no rotation"):
+        read_kitti(path)
+    path.write_text("1 2 3\n")
+    with pytest.raises(DataError, match="twelve numbers"):
+        read_kitti(path)

@@ -1,0 +1,148 @@
+"""Velocity reports of a Water Linked DVL (A50, A125) as it sends them: one JSON object a line.
+
+``time`` is the number of milliseconds since the report before, so that stamps are sums; newer
+firmware also states ``time_of_validity`` in microseconds of UTC, which then counts. Velocities are
+along the instrument's axes, forward, starboard, down; ``fom``, the figure of merit, is their sigma;
+an altitude of -1 is none. Clients that poll write the same report again: repetitions are no samples
+and take no time.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gtsam_nav.errors import DataError
+from gtsam_nav.mission import Mission, Sensor
+from gtsam_nav.preprocess.cleaning import tidy
+from gtsam_nav.readers._clock import on_mission_time
+from gtsam_nav.readers._text import TRUNCATED, first_lines, stream_lines
+from gtsam_nav.sensors.noise import DvlNoise
+from gtsam_nav.series import BoolArray, DvlSeries
+from gtsam_nav.solution import Progress, no_progress
+
+NAME = "Water Linked JSON"
+EXPECTS = "a text file of a Water Linked DVL's JSON reports, one a line, plain, .gz or .bz2"
+
+NEEDED = ("vx", "vy", "vz", "fom", "altitude", "velocity_valid", "time")
+LINES_TO_KNOW_IT_BY = 5
+REPEATED, MALFORMED = "repeated report", "malformed report"
+
+
+def can_open(path: Path) -> bool:
+    """Whether the path is a text file that begins with such reports."""
+    try:
+        if not path.is_file():
+            return False
+    except (OSError, ValueError):
+        return False
+    return any(_report(line) is not None for line in first_lines(path, LINES_TO_KNOW_IT_BY))
+
+
+def read(path: Path, progress: Progress = no_progress) -> Mission:
+    """Read the reports.
+
+    Raises
+    ------
+    DataError
+        Where no velocity is valid.
+    """
+    noise = DvlNoise()
+    rows: list[list[float]] = []
+    reasons: list[str] = []
+    utc: list[float] = []
+    clock_s = 0.0
+    before = ""
+    last = False
+    for line, fraction in stream_lines(path):
+        progress("read mission", fraction)
+        if not line.strip():
+            continue
+        report = _report(line)
+        last = report is None
+        if report is None:
+            if _is_other_report(line):
+                continue
+            reason = MALFORMED
+        else:
+            reason = REPEATED if line == before else ""
+        if report is None or reason:
+            rows.append([clock_s, *[np.nan] * 4, 0.0, np.nan])
+            utc.append(np.nan)
+        else:
+            clock_s += 1e-3 * report["time"]
+            rows.append([clock_s, *_numbers(report, noise)])
+            utc.append(1e-6 * report.get("time_of_validity", np.nan))
+        reasons.append(reason)
+        before = line
+    if last and reasons and reasons[-1] == MALFORMED:
+        reasons[-1] = TRUNCATED
+    return _mission(path, rows, reasons, utc, noise)
+
+
+def _mission(
+    path: Path, rows: list[list[float]], reasons: list[str], utc: list[float], noise: DvlNoise
+) -> Mission:
+    t, vx, vy, vz, sigma, valid, altitude_m = np.array(rows).reshape(-1, 7).T
+    # the reports' own UTC, where all of them state it
+    stamps = np.array(utc)
+    reported = np.array(reasons) == ""
+    dated = bool(np.any(reported)) and bool(np.all(np.isfinite(stamps[reported])))
+    columns = {
+        "t": stamps if dated else t,
+        "v_d": np.column_stack([vx, vy, vz]),
+        "sigma": sigma,
+        "valid": valid,
+        "bottom_lock": np.ones(len(t)),
+        "altitude_m": altitude_m,
+    }
+    refused: dict[str, BoolArray] = {
+        reason: np.array(reasons) == reason for reason in sorted({*reasons} - {""})
+    }
+    series, rejections = tidy(
+        DvlSeries, "dvl", columns, refused=refused, max_speed_m_s=noise.max_speed_m_s
+    )
+    if series is None:
+        raise DataError(f"no report holds a valid velocity ({len(rejections)} dropped)", path)
+    mission = Mission(
+        name=path.name.removesuffix(".gz").removesuffix(".bz2").removesuffix(".txt"),
+        sensors={"dvl": Sensor("dvl", "dvl", series)},
+        start_utc=0.0 if dated else None,
+        rejections=tuple(rejections),
+        sources=(path,),
+    )
+    return on_mission_time(mission, {"dvl": 0.0})
+
+
+def _report(line: str) -> dict[str, Any] | None:
+    """A velocity report; None of what is none, or not whole."""
+    try:
+        report = json.loads(line)
+    except (ValueError, RecursionError):
+        return None
+    if not isinstance(report, dict) or any(key not in report for key in NEEDED):
+        return None
+    numbers = [report[key] for key in NEEDED] + [report.get("time_of_validity", 0)]
+    return report if all(isinstance(value, int | float) for value in numbers) else None
+
+
+def _is_other_report(line: str) -> bool:
+    """Whether a line is whole, but of another kind: the position that newer firmware estimates."""
+    try:
+        report = json.loads(line)
+    except (ValueError, RecursionError):
+        return False
+    return isinstance(report, dict) and "vx" not in report
+
+
+def _numbers(report: dict[str, Any], noise: DvlNoise) -> list[float]:
+    altitude = report["altitude"]
+    return [
+        *(float(report[key]) for key in ("vx", "vy", "vz")),
+        float(report["fom"]) if report["fom"] > 0 else noise.sigma_m_s,
+        float(bool(report["velocity_valid"])),
+        float(altitude) if altitude > 0 else np.nan,
+    ]

@@ -1,0 +1,97 @@
+"""g2o graphs: an invented one with round numbers and faults, and one of our own."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gtsam_nav.errors import DataError
+from gtsam_nav.mission import Mission
+from gtsam_nav.readers import open_mission
+from gtsam_nav.series import LandmarkSeries, OdometrySeries
+
+INFORMATION = "25 0 0 100 0 4"
+GRAPH = f"""# a quarter turn to the left on a circle of 2 m, then straight on
+VERTEX_SE2 0 9 9 9
+EDGE_SE2 0 1 2 2 {np.pi / 2} {INFORMATION}
+EDGE_SE2 1 3 1 0 0 {INFORMATION}
+EDGE_SE2 4 3 -2 0 0 {INFORMATION}
+EDGE_SE2 0 4 1 1 1 {INFORMATION}
+EDGE_SE2_XY 1 2 3 4 25 0 25
+EDGE_SE2_XY 9 2 3 4 25 0 25
+EDGE_PRIOR_SE2 0 0 0
+"""
+
+
+def graph(folder: Path, text: str = GRAPH) -> Mission:
+    (folder / "park.g2o").write_text(text)
+    return open_mission(folder / "park.g2o")
+
+
+def odometry_of(mission: Mission) -> OdometrySeries:
+    series = mission.sensors["odometry"].series
+    assert isinstance(series, OdometrySeries)
+    return series
+
+
+def test_edges_between_neighbours_are_odometry(tmp_path: Path) -> None:
+    """Poses 0, 1, 3, 4 are a second apart; a left quarter turn on 2 m radius is pi metres long."""
+    read = graph(tmp_path)
+    series = odometry_of(read)
+    np.testing.assert_allclose(series.t, [0, 1, 2])
+    np.testing.assert_allclose(series.v_b, [[np.pi, 0], [1, 0], [2, 0]], atol=1e-12)
+    np.testing.assert_allclose(series.yaw_rate, [-np.pi / 2, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(series.sigma_v, 0.2)
+    np.testing.assert_allclose(series.sigma_yaw_rate, 0.5)
+    assert Counter(r.reason for r in read.rejections) == {
+        "joins poses that are no neighbours": 1,
+        "no such pose": 1,
+    }
+    assert any("EDGE_PRIOR_SE2 (1)" in w for w in read.warnings)
+
+
+def test_landmarks_are_polar_and_clockwise(tmp_path: Path) -> None:
+    seen = graph(tmp_path).sensors["landmarks"].series
+    assert isinstance(seen, LandmarkSeries)
+    np.testing.assert_allclose(seen.range_m, [5])
+    np.testing.assert_allclose(seen.bearing, [-np.arctan2(4, 3)])
+    np.testing.assert_allclose(seen.sigma_range, [0.2])
+    np.testing.assert_allclose(seen.sigma_bearing, [0.04])
+
+
+def test_edges_in_space_are_flattened_and_it_is_said(tmp_path: Path) -> None:
+    half = np.sin(np.pi / 4)
+    upper = np.eye(6)[np.triu_indices(6)] * 4.0
+    text = " ".join(map(str, upper))
+    read = graph(tmp_path, f"EDGE_SE3:QUAT 0 1 2 2 0.5 0 0 {half} {half} {text}\n")
+    np.testing.assert_allclose(odometry_of(read).v_b, [[np.pi, 0]], atol=1e-12)
+    np.testing.assert_allclose(odometry_of(read).sigma_v, 0.5)
+    assert any("leaves the plane" in w for w in read.warnings)
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("EDGE_SE2 0 1 x 0 0 1 0 0 1 0 1", r"park.g2o:2: EDGE_SE2: could not convert"),
+        ("EDGE_SE2 0 1 1 0 0 1 0 0 -1 0 1", "not positive definite"),
+        ("EDGE_SE2 0.5 1 1 0 0 1 0 0 1 0 1", "whole numbers"),
+        ("EDGE_SE2 0 1 1 0 0 1 0", "7 numbers where 11 are needed"),
+    ],
+)
+def test_a_malformed_line_is_named(tmp_path: Path, line: str, message: str) -> None:
+    good = f"EDGE_SE2 0 1 2 0 0 {INFORMATION}\n"
+    with pytest.raises(DataError, match=message):
+        graph(tmp_path, f"{good}{line}\n{good}")
+
+
+def test_a_last_line_that_was_cut_off_is_rejected(tmp_path: Path) -> None:
+    read = graph(tmp_path, f"EDGE_SE2 0 1 2 0 0 {INFORMATION}\nEDGE_SE2 1 2 2 0")
+    assert [r.reason for r in read.rejections] == ["truncated line"]
+
+
+def test_a_graph_without_edges(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="no edge joins two poses"):
+        graph(tmp_path, "VERTEX_SE2 0 0 0 0\n")

@@ -1,0 +1,164 @@
+"""NMEA 0183: invented sentences with every fault, and a recorded surface vessel."""
+
+from __future__ import annotations
+
+from collections import Counter
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gtsam_nav.errors import DataError
+from gtsam_nav.frames import Origin
+from gtsam_nav.mission import Mission
+from gtsam_nav.readers import open_mission
+from gtsam_nav.series import DvlSeries, GnssSeries, HeadingSeries
+
+KNOT_M_S = 1852 / 3600
+
+
+def sentence(body: str) -> str:
+    checksum = 0
+    for character in body:
+        checksum ^= ord(character)
+    return f"${body}*{checksum:02X}"
+
+
+def gga(time: str, quality: int = 4, minutes: float = 30.0, hdop: float = 1.0) -> str:
+    place = f"4530.{round(minutes * 1000) - 30000:05d},N,00315.00000,W"
+    return sentence(f"GPGGA,{time},{place},{quality},12,{hdop},5.0,M,48.0,M,,")
+
+
+def rmc(time: str, date: str, status: str = "A", speed: float = 2.0, course: float = 90.0) -> str:
+    place = "4530.00000,N,00315.00000,W"
+    return sentence(f"GPRMC,{time},{status},{place},{speed},{course},{date},,,A")
+
+
+def hdt(degrees: float | str) -> str:
+    return sentence(f"GPHDT,{degrees},T")
+
+
+def log(folder: Path, *lines: str, end: str = "\n") -> Mission:
+    path = folder / "log.nmea"
+    path.write_text("\n".join(lines) + end)
+    return open_mission(path)
+
+
+def fixes_of(mission: Mission) -> GnssSeries:
+    series = mission.sensors["gnss"].series
+    assert isinstance(series, GnssSeries)
+    return series
+
+
+def test_a_position_is_geodetic_and_its_height_is_above_the_ellipsoid(tmp_path: Path) -> None:
+    read = log(tmp_path, rmc("120000.0", "010224"), gga("120000.0"), gga("120001.0", hdop=2.5))
+    assert read.origin == Origin(45.5, -3.25, 53.0)
+    assert read.start_utc == datetime(2024, 2, 1, 12, tzinfo=UTC).timestamp()
+    series = fixes_of(read)
+    np.testing.assert_allclose(series.t, [0.0, 1.0])
+    # RTK fixed, 0.02 m, times HDOP; the vertical is twice as uncertain
+    np.testing.assert_allclose(series.sigma, [[0.02, 0.02, 0.04], [0.05, 0.05, 0.1]])
+
+
+def test_speed_and_course_go_with_the_fixes(tmp_path: Path) -> None:
+    read = log(tmp_path, *(line for k in range(3) for line in (
+        rmc(f"12000{k}.0", "010224"), gga(f"12000{k}.0"))))  # fmt: skip
+    v_n = fixes_of(read).v_n
+    assert v_n is not None
+    np.testing.assert_allclose(v_n, np.tile([0, 2 * KNOT_M_S, 0], (3, 1)), atol=1e-12)
+
+
+def test_vtg_is_finer_and_a_heading_makes_a_speed_sensor(tmp_path: Path) -> None:
+    """Course 90 and heading 60 degrees: two thirds of a right angle to starboard is a third."""
+    lines = []
+    for k in range(3):
+        vtg = sentence("GPVTG,90.0,T,,M,3.888,N,7.2,K,A")
+        lines += [rmc(f"12000{k}.0", "010224"), gga(f"12000{k}.0"), vtg, hdt(60.0)]
+    read = log(tmp_path, *lines)
+    speed, heading = read.sensors["speed"].series, read.sensors["heading"].series
+    assert isinstance(speed, DvlSeries)
+    assert isinstance(heading, HeadingSeries)
+    np.testing.assert_allclose(np.degrees(heading.heading), 60.0)
+    np.testing.assert_allclose(speed.v_d, np.tile([np.sqrt(3), 1, 0], (3, 1)), atol=1e-12)
+    assert fixes_of(read).v_n is None, "the velocity is used once"
+
+
+def test_times_pass_midnight_whichever_sentence_comes_first(tmp_path: Path) -> None:
+    read = log(
+        tmp_path,
+        gga("235958.0"),
+        rmc("235958.0", "311223"),
+        gga("235959.5"),
+        gga("000000.5"),
+        rmc("000000.5", "010124"),
+        gga("000001.0"),
+    )
+    np.testing.assert_allclose(fixes_of(read).t, [0.0, 1.5, 2.5, 3.0])
+    assert read.start_utc == datetime(2023, 12, 31, 23, 59, 58, tzinfo=UTC).timestamp()
+
+
+def test_without_a_date_there_is_no_utc(tmp_path: Path) -> None:
+    read = log(tmp_path, gga("235959.0"), gga("000001.0"))
+    np.testing.assert_allclose(fixes_of(read).t, [0.0, 2.0])
+    assert read.start_utc is None
+    assert any("no RMC sentence tells the date" in w for w in read.warnings)
+
+
+def test_everything_that_is_dropped_is_counted(tmp_path: Path) -> None:
+    good = gga("120001.0")
+    read = log(
+        tmp_path,
+        hdt(1.0),
+        gga("120000.0"),
+        good[:-2] + "00" if not good.endswith("00") else good[:-2] + "11",
+        gga("120002.0", quality=0),
+        sentence("GPGGA,1200xx,4530.0,N,00315.0,W,4,12,1.0,5.0,M,48.0,M,,"),
+        sentence("GPGGA,126100,4530.0,N,00315.0,W,4,12,1.0,5.0,M,48.0,M,,"),
+        "$GPGGA,120004.0,4530.00000,N,00315.00000,W,4,12,1.0,5.0,M,48.0,M,,",
+        hdt(""),
+        hdt(3.0),
+        sentence("GPGSV,1,1,00"),
+        "noise",
+        gga("120005.0")[:20],
+        end="",
+    )
+    assert Counter((r.sensor, r.reason) for r in read.rejections) == {
+        ("heading", "before the first time of day"): 1,
+        ("heading", "no heading"): 1,
+        ("gnss", "wrong checksum"): 1,
+        ("gnss", "no fix"): 1,
+        ("gnss", "malformed sentence"): 2,
+        ("gnss", "no checksum"): 2,
+    }
+    assert len(fixes_of(read)) == 1
+    assert any("GSV (1)" in w for w in read.warnings)
+    assert any("1 lines are no whole sentence" in w for w in read.warnings)
+
+
+def test_positions_of_rmc_alone(tmp_path: Path) -> None:
+    read = log(
+        tmp_path, rmc("120000.0", "010224"), rmc("120001.0", "010224", "V"),
+        rmc("120002.0", "010224"),
+    )  # fmt: skip
+    assert len(fixes_of(read)) == 2
+    assert Counter(r.reason for r in read.rejections) == {"no fix": 1}
+
+
+def test_a_log_without_positions_and_headings(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="no GGA or RMC sentence with a position"):
+        log(tmp_path, sentence("GPVTG,90.0,T,,M,3.888,N,7.2,K,A"))
+
+
+@pytest.mark.realdata
+def test_the_recorded_vessel(recorded_data: Path) -> None:
+    path = recorded_data / "usv_nmea" / "202412051751.nmea.txt.gz"
+    if not path.is_file():
+        pytest.skip("the NMEA log is not among the recorded missions")
+    read = open_mission(path)
+    series = fixes_of(read)
+    assert len(series) == 2897
+    assert read.start_utc == datetime(2024, 12, 5, 9, 41, 55, 200000, tzinfo=UTC).timestamp()
+    way = np.linalg.norm(np.diff(series.p_n[:, :2], axis=0), axis=1).sum()
+    assert way == pytest.approx(635, abs=10)
+    assert set(read.sensors) == {"gnss", "speed", "heading"}
