@@ -42,7 +42,7 @@ def carry_out(run: PlannedRun, out: Path) -> str | None:
     stopwatch = Stopwatch.start()
     if row_path(out / TABLE, run.key).is_file():
         return read_cause(out / TABLE, run.key)
-    attempt = _count_attempt(run, out)
+    attempt = _begin_attempt(run, out)
     if attempt > MOST_ATTEMPTS:
         row = died_row(run, MOST_ATTEMPTS, stopwatch)
     else:
@@ -136,13 +136,19 @@ def _estimate(run: PlannedRun, stopwatch: Stopwatch) -> RunRow:
     )
 
 
-def _count_attempt(run: PlannedRun, out: Path) -> int:
+def _begin_attempt(run: PlannedRun, out: Path) -> int:
     """Note in ``out`` that a run begins here; returns how often it has begun by now."""
     path = attempts_path(out, run.key)
     path.parent.mkdir(exist_ok=True)
     with path.open("a", encoding="utf-8") as stream:
         stream.write(f"{platform.node()} {os.getpid()}\n")
-    return len(path.read_text(encoding="utf-8").splitlines())
+    return count_attempts(out, run.key)
+
+
+def count_attempts(out: Path, key: str) -> int:
+    """How often a run has been begun."""
+    path = attempts_path(out, key)
+    return len(path.read_text(encoding="utf-8").splitlines()) if path.exists() else 0
 
 
 def attempts_path(out: Path, key: str) -> Path:

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING
 
 from gtsam_nav.batch.plan import PlannedRun
 from gtsam_nav.batch.table import TABLE, write_row
-from gtsam_nav.batch.work import Stopwatch, carry_out, died_row
+from gtsam_nav.batch.work import MOST_ATTEMPTS, Stopwatch, carry_out, count_attempts, died_row
 from gtsam_nav.errors import ConfigError, GtsamNavError
 
 if TYPE_CHECKING:
     from distributed import Client
 
-WAIT_FOR_WORKER_S = 30
+WAIT_FOR_WORKER_S = 60
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 LOCAL = {
     # GTSAM holds Python's lock while it solves: a worker that is silent for minutes is at work
@@ -115,13 +115,20 @@ def carry_out_all(
     stopwatch = Stopwatch.start()
     futures = client.map(carry_out, runs, out=out, pure=False)
     run_of = dict(zip(futures, runs, strict=True))
-    for future in as_completed(futures):
+    ended = as_completed(futures)
+    for future in ended:
         run = run_of.pop(future)
         try:
             cause: str | None = future.result()
-        except KilledWorker as error:
-            # the scheduler has less patience than a run has attempts
-            row = died_row(run, error.allowed_failures + 1, stopwatch)
+        except KilledWorker:
+            attempts = count_attempts(out, run.key)
+            if attempts < MOST_ATTEMPTS:
+                # it only waited where others' missions killed the worker
+                again = client.submit(carry_out, run, out=out, pure=False)
+                run_of[again] = run
+                ended.add(again)
+                continue
+            row = died_row(run, attempts, stopwatch)
             write_row(out / TABLE, row)
             cause = row.cause
         except CancelledError as error:

@@ -97,7 +97,7 @@ def dask_scheduler(folder: Path) -> Iterator[str]:
         for process in reversed(started):
             process.terminate()
         for process in reversed(started):
-            process.wait(30)
+            process.wait(PATIENCE_S)
 
 
 # ------------------------------------------------------------------------------- worker processes
