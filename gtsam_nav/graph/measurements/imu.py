@@ -66,11 +66,11 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
             _coast(problem, k, mission.origin, imu)
             if problem.measures_velocity:
                 add_velocity(problem, k, config)
+    instead = "the other sensors carry on" if problem.measures_velocity else "constant velocity"
     for a, b in silences(series, problem.t[0], problem.t[-1]):
-        if not problem.measures_velocity:
-            problem.warnings.append(
-                f"the IMU '{imu.name}' is silent from {a:.1f} s to {b:.1f} s: constant velocity"
-            )
+        problem.warnings.append(
+            f"the IMU '{imu.name}' is silent from {a:.1f} s to {b:.1f} s: {instead}"
+        )
 
 
 def _add_biases(problem: Problem, imu: Sensor) -> None:
