@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import Field
 
 from gtsam_nav.settings import Settings
@@ -78,6 +80,8 @@ class GraphSettings(Settings):
         Fixes and sightings get keyframes of their own unless they follow each other faster.
     imu_min_rate_hz : float
         A slower IMU is not preintegrated: rotations then come from the AHRS.
+    imu_preintegration : {"standard", "combined"}
+        Whether the biases stand still between keyframes, or walk there too and widen the noise.
     keyframes_per_update : int
         Keyframes handed to iSAM2 at once.
     huber_k : float
@@ -90,6 +94,7 @@ class GraphSettings(Settings):
     keyframe_interval_s: float = Field(default=5.0, gt=0, le=5)
     anchor_spacing_s: float = Field(default=0.1, ge=0.05)
     imu_min_rate_hz: float = Field(default=50.0, gt=0)
+    imu_preintegration: Literal["standard", "combined"] = "standard"
     keyframes_per_update: int = Field(default=3, ge=1)
     huber_k: float = Field(default=1.345, gt=0)
     sighting_cauchy_k: float = Field(default=1.0, gt=0)
