@@ -123,11 +123,11 @@ class Backend:
         """Current estimate of everything."""
         return self._isam.calculateEstimate()
 
-    def graph(self, without: str | None = None) -> Any:
-        """All factors so far but the readings', or all but those of one sensor."""
+    def graph(self, without: str | None = None, only: str | None = None) -> Any:
+        """All factors so far but the readings', or all but those of one sensor, or only those."""
         graph = gtsam.NonlinearFactorGraph()
         for entry in self.entries:
-            if entry.sensor != without:
+            if entry.sensor != without and only in (None, entry.sensor):
                 graph.add(entry.factor)
         return graph
 

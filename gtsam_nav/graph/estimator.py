@@ -9,7 +9,7 @@ import numpy as np
 
 from gtsam_nav.config import Config
 from gtsam_nav.frames import Array
-from gtsam_nav.graph.clocks import find_clocks
+from gtsam_nav.graph.clocks import Clocks, find_clocks
 from gtsam_nav.graph.dense import dense_trajectory
 from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.keyframes import keyframe_times, merged_anchors
@@ -82,8 +82,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         mission, compass_warnings = without_compass_steps(mission)
         start, motion = _start_and_motion(mission, config)
     with clock.stage("clocks"):
-        t = _keyframe_times(mission, np.empty(0), config)
-        clocks = find_clocks(mission, start, motion, t, config, progress)
+        clocks = _find_clocks(mission, start, motion, config, progress)
         if clocks.errors:
             mission = clocks.corrected(mission)
             start, motion = _start_and_motion(mission, config)
@@ -103,14 +102,13 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         used = [settled.factors.at(i) for i in range(len(settled.used))]
         clocks.describe(problem, tuple(zip(settled.used, used, strict=True)), settled.values)
     with clock.stage("refinement"):
+        graph = online.backend.graph(without=SCAN_MATCH)
+        graph.push_back(settled.factors)
         if sonar is not None and config.graph.refinement.max_iterations:
-            graph = online.backend.graph(without=SCAN_MATCH)
-            graph.push_back(settled.factors)
             joint = JointRefinement(sonar.echoes, sonar.turns, problem, config.graph.refinement)
             refined = joint.run(graph, settled.values, progress)
         else:
-            graph = online.backend.graph()
-            graph.push_back(settled.factors)
+            graph.push_back(online.backend.graph(only=SCAN_MATCH))
             refined = refine_without_sonar(graph, settled.values, problem)
     if not (refined.converged and settled.settled):
         warnings = (*warnings, "the refinement stopped before it settled")
@@ -150,6 +148,18 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         n_keyframes=len(t),
         stage_s=clock.seconds,
     )
+
+
+def _find_clocks(
+    mission: Mission,
+    start: Alignment,
+    motion: VehicleMotion,
+    config: Config,
+    progress: Progress,
+) -> Clocks:
+    """Timing errors, found on the keyframes that the mission has without its sonar."""
+    t = _keyframe_times(mission, np.empty(0), config)
+    return find_clocks(mission, start, motion, t, config, progress)
 
 
 def _start_and_motion(mission: Mission, config: Config) -> tuple[Alignment, VehicleMotion]:

@@ -115,7 +115,7 @@ class TimingEffect:
         What the problem's measurements are corrected by already.
     effect : ndarray, shape (rows, m)
         Derivative of the whitened residuals, in the order of the solution's graph: the problem's
-        factors, then the readings in use.
+        factors, then the readings in use; what follows them knows no time.
     """
 
     names: tuple[str, ...]

@@ -197,7 +197,8 @@ def _constant_errors(problem: Problem, values: Any, rows: int) -> tuple[Array, A
     sigma = np.append(problem.calibration_sigma, [constant.sigma for constant in problem.constants])
     mean = np.zeros(len(sigma))
     if problem.timing is not None:
-        effect = np.hstack([effect, problem.timing.effect])
+        below = np.zeros((rows - len(problem.timing.effect), len(problem.timing.names)))
+        effect = np.hstack([effect, np.vstack([problem.timing.effect, below])])
         sigma = np.append(sigma, problem.timing.sigma_s)
         mean = np.append(mean, -problem.timing.corrected_s)
     return effect, 1.0 / np.maximum(sigma, 1e-9) ** 2, mean

@@ -14,11 +14,13 @@
     sensors:
       dvl: {file: dvl.csv, xyz_m: [0.2, 0, 0.1], rpy_deg: [180, 0, 45], time_offset_s: -0.1,
             noise: {sigma_m_s: 0.02}}
+      imu: {file: imu.csv, time_offset: {value_s: 0.0, sigma_s: 0.5, estimate: true}}
       stern_gnss: {type: gnss, file: fixes.csv.gz}
       sonar: {type: beams, file: beams.npz, simulated: true}
 
 `layout` holds the columns of each file. Angles of a turned compass or attitude sensor (``rpy_deg``)
-become those of the body, and its mounting in the mission is the identity. Without an origin the
+become those of the body, and its mounting in the mission is the identity. A ``time_offset`` stands
+for ``time_offset_s`` where the clock is doubted; the graph estimates what it is off by. Without an origin the
 first fix of a file with latitudes is taken, and a warning says so.
 """
 
