@@ -20,8 +20,8 @@
 
 `layout` holds the columns of each file. Angles of a turned compass or attitude sensor (``rpy_deg``)
 become those of the body, and its mounting in the mission is the identity. A ``time_offset`` stands
-for ``time_offset_s`` where the clock is doubted; the graph estimates what it is off by. Without an origin the
-first fix of a file with latitudes is taken, and a warning says so.
+for ``time_offset_s`` where the clock is doubted; the graph estimates what it is off by. Without an
+origin the first fix of a file with latitudes is taken, and a warning says so.
 """
 
 from __future__ import annotations
