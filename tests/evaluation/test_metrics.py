@@ -296,6 +296,7 @@ def test_the_document_has_exactly_the_keys_of_the_design() -> None:
     assert set(document) == {
         "ate", "ate_3d", "ate_online", "rpe", "drift_percent", "heading_error_deg", "nees", "nis",
         "coverage", "loops", "rejected", "n_keyframes", "sonar", "gnss_used", "gnss_withheld",
+        "clock_offsets",
     }  # fmt: skip
     for key in ("ate", "ate_3d", "ate_online"):
         assert set(document[key]) == {"none", "start", "se2", "se3"}
