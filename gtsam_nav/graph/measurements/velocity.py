@@ -22,12 +22,7 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
     if not problem.measures_velocity:
         return
     problem.calibration_sigma = _calibration_sigma(mission)
-    dvl = mission.first("dvl")
-    spells = np.empty((0, 2))
-    if dvl is not None:
-        spells = water_spells(dvl, config.motion.water_lock_after_s)
-    current_sigma = DvlNoise.model_validate(dvl.noise if dvl else {}).water_sigma_m_s
-    within_s = _overlaps(problem.t, spells)
+    within_s, current_sigma = _through_water(problem, mission, config)
     moved_m = current_sigma * np.sum(within_s, axis=0)
     _add_increments(problem, config, not problem.uses_imu and not problem.has_compass, moved_m)
     _add_currents(problem, within_s, current_sigma)
@@ -45,6 +40,16 @@ def _calibration_sigma(mission: Mission) -> Array:
     else:
         noise = OdometryNoise.model_validate(odometry.noise if odometry else {})
     return np.array([noise.scale_sigma, np.radians(noise.misalignment_sigma_deg)])
+
+
+def _through_water(problem: Problem, mission: Mission, config: Config) -> tuple[Array, float]:
+    """How long each interval lies within each spell of water lock, s; the current's sigma, m/s."""
+    dvl = mission.first("dvl")
+    if dvl is None:
+        return np.zeros((0, len(problem.t) - 1)), 0.0
+    spells = water_spells(dvl, config.motion.water_lock_after_s)
+    noise = DvlNoise.model_validate(dvl.noise)
+    return _overlaps(problem.t, spells), noise.water_sigma_m_s
 
 
 def _overlaps(t: Array, spells: Array) -> Array:
