@@ -113,6 +113,8 @@ def find_clocks(
         rounds += 1
         log.info("clocks, round %d: %s s, sigmas %s s", rounds, clocks.corrected_s, sigma)
         progress("clocks", rounds / MAX_ROUNDS)
+    if moved > STILL_SIGMAS:
+        log.warning("clocks: the last of %d rounds still moved %.1f sigmas", rounds, moved)
     progress("clocks", 1.0)
     return clocks
 

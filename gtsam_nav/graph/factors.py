@@ -271,13 +271,19 @@ def planar_match(a: int, b: int, q: Array, cov: Array) -> Any:
     return gtsam.BetweenFactorNavState(a, b, measured, noise)
 
 
-def imu_parameters(imu: Sensor, origin: Origin | None, p_n: Array) -> Any:
+def imu_parameters(
+    imu: Sensor, origin: Origin | None, p_n: Array, *, combined: bool = False
+) -> Any:
     """Preintegration parameters: mounting, noise, and the gravity of a position.
 
-    The Earth turns where the place on it is known.
+    The Earth turns where the place on it is known; ``combined`` lets the biases walk.
     """
     noise = ImuNoise.model_validate(imu.noise)
-    parameters = gtsam.PreintegrationParams(gravity_at(p_n, origin))
+    kind = gtsam.PreintegrationCombinedParams if combined else gtsam.PreintegrationParams
+    parameters: Any = kind(gravity_at(p_n, origin))
+    if combined:
+        parameters.setBiasAccCovariance(noise.accel_bias_walk_m_s3_sqrt_hz**2 * np.eye(3))
+        parameters.setBiasOmegaCovariance(noise.gyro_bias_walk_rad_s2_sqrt_hz**2 * np.eye(3))
     parameters.setGyroscopeCovariance(noise.gyro_noise_density_rad_s_sqrt_hz**2 * np.eye(3))
     parameters.setAccelerometerCovariance(noise.accel_noise_density_m_s2_sqrt_hz**2 * np.eye(3))
     parameters.setIntegrationCovariance(1e-10 * np.eye(3))

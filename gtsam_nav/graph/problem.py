@@ -88,7 +88,7 @@ class Displacement:
     k: int
     R_ab: Array
     p_a: Array
-    factor: Any
+    entry: SensorFactor
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ class TimingEffect:
         What the problem's measurements are corrected by already.
     effect : ndarray, shape (rows, m)
         Derivative of the whitened residuals, in the order of the solution's graph: the problem's
-        factors, then the readings in use.
+        factors, then the readings in use; what follows them knows no time.
     """
 
     names: tuple[str, ...]

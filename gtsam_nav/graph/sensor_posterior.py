@@ -215,11 +215,11 @@ def _calibration_effect(
     """
     effect = np.zeros((rows, len(CALIBRATION)))
     for d in problem.displacements:
-        A, _ = d.factor.linearize(values).jacobian()
+        A, _ = d.entry.factor.linearize(values).jacobian()
         # the native row is a rotation times the square root of weight and information
         root = float(np.linalg.norm(A[3, 12:15]))
         turned = np.array([-d.p_a[1], d.p_a[0], 0.0])
-        row = first_row[id(d.factor)] + 3
+        row = first_row[id(d.entry.factor)] + 3
         effect[row : row + 3] = -root * d.R_ab.T @ np.column_stack([d.p_a, turned])
     return effect
 

@@ -85,6 +85,8 @@ class GraphSettings(Settings):
     imu_min_rate_hz : float
         A slower IMU is not preintegrated where a DVL or odometry measures the velocity: rotations
         then come from the AHRS.
+    imu_preintegration : {"standard", "combined"}
+        Whether the biases stand still between keyframes, or walk there too and widen the noise.
     keyframes_per_update : int
         Keyframes handed to iSAM2 at once.
     """
@@ -92,6 +94,7 @@ class GraphSettings(Settings):
     keyframe_interval_s: float = Field(default=5.0, gt=0, le=5)
     anchor_spacing_s: float = Field(default=0.1, ge=0.05)
     imu_min_rate_hz: float = Field(default=50.0, gt=0)
+    imu_preintegration: Literal["standard", "combined"] = "standard"
     keyframes_per_update: int = Field(default=3, ge=1)
     robust: RobustSettings = RobustSettings()
     loops: LoopSettings = LoopSettings()

@@ -14,13 +14,15 @@
     sensors:
       dvl: {file: dvl.csv, xyz_m: [0.2, 0, 0.1], rpy_deg: [180, 0, 45], time_offset_s: -0.1,
             noise: {sigma_m_s: 0.02}}
+      imu: {file: imu.csv, time_offset: {value_s: 0.0, sigma_s: 0.5, estimate: true}}
       stern_gnss: {type: gnss, file: fixes.csv.gz}
       sonar: {type: beams, file: beams.npz, simulated: true}
       imu: {file: log.csv, columns: {t: stamp_ns, gx: rate_x}, scale: {t: 1.0e-9, gx: 0.0174533}}
 
 `layout` holds the columns of each file. Angles of a turned compass or attitude sensor (``rpy_deg``)
-become those of the body, and its mounting in the mission is the identity. Without an origin the
-first fix of a file with latitudes is taken, and a warning says so.
+become those of the body, and its mounting in the mission is the identity. A ``time_offset`` stands
+for ``time_offset_s`` where the clock is doubted; the graph estimates what it is off by. Without an
+origin the first fix of a file with latitudes is taken, and a warning says so.
 """
 
 from __future__ import annotations

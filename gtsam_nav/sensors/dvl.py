@@ -65,6 +65,21 @@ def body_velocities(dvl: Sensor, omega_b: Array, water_lock_after_s: float) -> B
     )
 
 
+def water_spells(dvl: Sensor, water_lock_after_s: float) -> Array:
+    """First and last sample of each spell that only water lock tells of, shape (k, 2), s."""
+    series = dvl.series
+    assert isinstance(series, DvlSeries)
+    bottom = series.valid & series.bottom_lock
+    water = series.valid & ~series.bottom_lock
+    used = water & (_seconds_without(series.t, bottom) > water_lock_after_s)
+    # a spell lasts until bottom lock is back, whatever is missing within
+    spell = np.cumsum(bottom)[used]
+    t = series.t[used]
+    first = np.flatnonzero(np.diff(spell, prepend=-1))
+    last = np.append(first[1:], len(t)) - 1
+    return np.column_stack([t[first], t[last]]) if len(t) else np.empty((0, 2))
+
+
 def _seconds_without(t: Array, present: BoolArray) -> Array:
     """Length of the spell without ``present`` that each sample stands in."""
     marks = t[present]

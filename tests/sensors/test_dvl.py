@@ -9,7 +9,7 @@ import pytest
 
 from gtsam_nav.frames import Array, rotation_from_rpy
 from gtsam_nav.mission import Sensor
-from gtsam_nav.sensors.dvl import body_velocities
+from gtsam_nav.sensors.dvl import body_velocities, water_spells
 from gtsam_nav.series import BoolArray, DvlSeries
 
 STILL = np.zeros(3)
@@ -102,3 +102,10 @@ def test_a_wrong_sound_speed_is_put_right() -> None:
     omega_b = np.tile([0.0, 0.0, 0.2], (3, 1))
     before, after = (body_velocities(d, omega_b, LIMIT_S).v_b for d in (plain, corrected))
     np.testing.assert_allclose(after - before, 0.02 * 1.5)
+
+
+def test_spells_of_water_lock_last_until_the_bottom_is_back() -> None:
+    bottom = lost(60, (5, 9), (20, 35), (40, 60))
+    spells = water_spells(dvl(bottom), LIMIT_S)
+    np.testing.assert_array_equal(spells, [[20.0, 34.0], [40.0, 59.0]])
+    assert water_spells(dvl(np.ones(9, dtype=bool)), LIMIT_S).shape == (0, 2)

@@ -59,8 +59,12 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
     has_tilt = mission.first("attitude") is not None
     for k in range(1, len(problem.t)):
         if covered[k - 1]:
-            parameters = factors.imu_parameters(imu, mission.origin, problem.p_n[k - 1])
-            _add_step(problem, k, parameters, *readings[k - 1])
+            p_n = problem.p_n[k - 1]
+            parameters = factors.imu_parameters(imu, mission.origin, p_n)
+            walking = None
+            if config.graph.imu_preintegration == "combined":
+                walking = factors.imu_parameters(imu, mission.origin, p_n, combined=True)
+            _add_step(problem, k, parameters, *readings[k - 1], walking)
         elif problem.measures_velocity and has_tilt:
             add_velocity(problem, k, config)
             add_unmeasured_turn(problem, k)
@@ -68,11 +72,11 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
             _coast(problem, k, mission.origin, imu)
             if problem.measures_velocity:
                 add_velocity(problem, k, config)
+    instead = "the other sensors carry on" if problem.measures_velocity else "constant velocity"
     for a, b in silences(series, problem.t[0], problem.t[-1]):
-        if not problem.measures_velocity:
-            problem.warnings.append(
-                f"the IMU '{imu.name}' is silent from {a:.1f} s to {b:.1f} s: constant velocity"
-            )
+        problem.warnings.append(
+            f"the IMU '{imu.name}' is silent from {a:.1f} s to {b:.1f} s: {instead}"
+        )
 
 
 def _add_biases(problem: Problem, imu: Sensor) -> None:
@@ -121,13 +125,34 @@ def _covered(imu: ImuSeries, t_key: Array) -> BoolArray:
 
 
 def _add_step(
-    problem: Problem, k: int, parameters: Any, accel: Array, gyro: Array, dt: Array
+    problem: Problem,
+    k: int,
+    parameters: Any,
+    accel: Array,
+    gyro: Array,
+    dt: Array,
+    walking: Any = None,
 ) -> None:
+    """One preintegrated factor; with ``walking`` parameters, its noise is the combined form's.
+
+    GTSAM's combined factor knows no NavState, and ties the walk of the biases to what it does to
+    the motion; here the one is a factor of its own and the other widens the noise.
+    """
     pim = gtsam.PreintegratedImuMeasurements(parameters, problem.bias)
+    _integrate(pim, accel, gyro, dt)
+    problem.steps[k] = InertialStep(pim, parameters, accel, gyro, dt)
+    factor: Any = gtsam.ImuFactor2(X(k - 1), X(k), B(k - 1), pim)
+    if walking is not None:
+        combined = gtsam.PreintegratedCombinedMeasurements(walking, problem.bias)
+        _integrate(combined, accel, gyro, dt)
+        cov = combined.preintMeasCov()[:9, :9]
+        factor = factor.cloneWithNewNoiseModel(gtsam.noiseModel.Gaussian.Covariance(cov))
+    problem.add(k, "imu", factor)
+
+
+def _integrate(pim: Any, accel: Array, gyro: Array, dt: Array) -> None:
     for f, omega, step_s in zip(list(accel), list(gyro), dt.tolist(), strict=True):
         pim.integrateMeasurement(f, omega, step_s)
-    problem.steps[k] = InertialStep(pim, parameters, accel, gyro, dt)
-    problem.add(k, "imu", gtsam.ImuFactor2(X(k - 1), X(k), B(k - 1), pim))
 
 
 def _coast(problem: Problem, k: int, origin: Origin | None, imu: Sensor) -> None:

@@ -8,8 +8,9 @@ from gtsam_nav.config import Config
 from gtsam_nav.frames import Array
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import X
-from gtsam_nav.graph.problem import Displacement, Problem
+from gtsam_nav.graph.problem import ConstantError, Displacement, Problem
 from gtsam_nav.mission import Mission
+from gtsam_nav.sensors.dvl import water_spells
 from gtsam_nav.sensors.noise import DvlNoise, OdometryNoise
 
 
@@ -21,7 +22,10 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
     if not problem.measures_velocity:
         return
     problem.calibration_sigma = _calibration_sigma(mission)
-    _add_increments(problem, config, not problem.uses_imu and not problem.has_compass)
+    within_s, current_sigma = _through_water(problem, mission, config)
+    moved_m = current_sigma * np.sum(within_s, axis=0)
+    _add_increments(problem, config, not problem.uses_imu and not problem.has_compass, moved_m)
+    _add_currents(problem, within_s, current_sigma)
     if not problem.uses_imu:
         for k in range(len(problem.t)):
             add_velocity(problem, k, config)
@@ -38,19 +42,52 @@ def _calibration_sigma(mission: Mission) -> Array:
     return np.array([noise.scale_sigma, np.radians(noise.misalignment_sigma_deg)])
 
 
-def _add_increments(problem: Problem, config: Config, yaw_by_motion: bool) -> None:
+def _through_water(problem: Problem, mission: Mission, config: Config) -> tuple[Array, float]:
+    """How long each interval lies within each spell of water lock, s; the current's sigma, m/s."""
+    dvl = mission.first("dvl")
+    if dvl is None:
+        return np.zeros((0, len(problem.t) - 1)), 0.0
+    spells = water_spells(dvl, config.motion.water_lock_after_s)
+    noise = DvlNoise.model_validate(dvl.noise)
+    return _overlaps(problem.t, spells), noise.water_sigma_m_s
+
+
+def _overlaps(t: Array, spells: Array) -> Array:
+    """How long each interval between times (n,) lies within each spell (k, 2); (k, n - 1), s."""
+    begin = np.maximum(t[:-1], spells[:, :1])
+    end = np.minimum(t[1:], spells[:, 1:])
+    return np.asarray(np.maximum(end - begin, 0.0))
+
+
+def _add_currents(problem: Problem, within_s: Array, sigma: float) -> None:
+    """The water's own motion, a vector a spell: displacements through the water lack it."""
+    for spell, in_spell_s in enumerate(within_s):
+        moved = [d for d in problem.displacements if in_spell_s[d.k - 1] > 0.0]
+        for axis, name in enumerate("ne"):
+            effect = []
+            for d in moved:
+                lacking_b = problem.R_nb[d.k - 1][axis] * in_spell_s[d.k - 1]
+                derivative = np.zeros(9)
+                derivative[3:6] = -d.R_ab.T @ lacking_b
+                effect.append((d.entry, derivative))
+            label = f"current_{name}_{spell}_m_s"
+            problem.constants.append(ConstantError(label, sigma, effect))
+
+
+def _add_increments(problem: Problem, config: Config, yaw_by_motion: bool, moved_m: Array) -> None:
+    """Displacements; changes of the water's motion may move each by ``moved_m``, shape (n - 1,)."""
     motion = problem.motion
     variance = motion.displacement_variance(problem.t[:-1], problem.t[1:])
     for k in range(1, len(problem.t)):
         dt = problem.t[k] - problem.t[k - 1]
         R_ab, p_a = problem.increment(k - 1, k)
-        sigma_p = float(np.sqrt(variance[k - 1]))
+        sigma_p = float(np.hypot(np.sqrt(variance[k - 1]), moved_m[k - 1]))
         rotation = np.zeros(3)
         if yaw_by_motion:
             rotation[2] = 1.0 / (motion.yaw_variance_rad2_s * dt)
         factor = factors.increment(X(k - 1), X(k), R_ab, p_a, rotation, sigma_p)
         entry = problem.add(k, "velocity", factor, config.graph.robust.velocity)
-        problem.displacements.append(Displacement(k, R_ab, p_a, entry.factor))
+        problem.displacements.append(Displacement(k, R_ab, p_a, entry))
 
 
 def add_velocity(problem: Problem, k: int, config: Config) -> None:
