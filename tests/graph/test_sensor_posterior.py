@@ -81,7 +81,7 @@ def dense_solution(case: Case, keyframes: IntArray) -> Dense:
     H = np.pad(H, ((0, 2), (0, 2)))
     g = np.pad(g, (0, 2))
     for d in case.problem.displacements:
-        J, r = d.factor.linearize(case.values).jacobian()
+        J, r = d.entry.factor.linearize(case.values).jacobian()
         root = np.linalg.norm(J[3, 12:15])
         R_a = case.values.atNavState(X(d.k - 1)).attitude().matrix()
         p_a, p_b = (case.values.atNavState(X(k)).position() for k in (d.k - 1, d.k))
