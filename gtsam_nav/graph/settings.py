@@ -84,7 +84,7 @@ class GraphSettings(Settings):
         Huber threshold of DVL, heading, attitude and depth residuals.
     sighting_cauchy_k : float
         Scale of the Cauchy kernel on sightings of landmarks, which beside false ones have many that
-        are merely bad.
+        are merely bad; at its default it is 95 % as efficient as least squares where none is.
     """
 
     keyframe_interval_s: float = Field(default=5.0, gt=0, le=5)
@@ -92,6 +92,6 @@ class GraphSettings(Settings):
     imu_min_rate_hz: float = Field(default=50.0, gt=0)
     keyframes_per_update: int = Field(default=3, ge=1)
     huber_k: float = Field(default=1.345, gt=0)
-    sighting_cauchy_k: float = Field(default=1.0, gt=0)
+    sighting_cauchy_k: float = Field(default=2.385, gt=0)
     loops: LoopSettings = LoopSettings()
     refinement: RefinementSettings = RefinementSettings()
