@@ -219,7 +219,7 @@ class SightingUpdates:
     def _augment(self, sample: int) -> None:
         """Add the landmark of a sighting, in place of a tentative one with its id."""
         seen, id_ = sighting(self.series, sample), int(self.ids[sample])
-        if seen.range_m < LEAST_RANGE_SIGMAS * seen.sigma_range:
+        if self.measured[sample, 0] < LEAST_RANGE_SIGMAS * seen.sigma_range:
             self._reject(sample, TOO_NEAR)
             return
         for landmark in reversed(range(len(self.known))):

@@ -203,12 +203,13 @@ def _sonar_data(
 
 
 def _covariances(problem: Problem, graph: Any, refined: Refined) -> dict[int, Array]:
-    """Marginal covariances of keyframes, compass frames, IMU biases and landmarks, by key."""
+    """Marginal covariances of keyframes, compass frames, IMU biases, landmarks and range scales."""
     index = range(len(problem.t))
     keys = [X(k) for k in index]
     keys += dict.fromkeys(problem.compass)
     keys += [B(k) for k in index] if problem.uses_imu else []
     keys += problem.landmarks.values()
+    keys += problem.range_scales.values()
     covariances = smoothed_covariances(
         graph, keys, refined.posterior, refined.planar_information, problem.is_stiff
     )

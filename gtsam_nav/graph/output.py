@@ -68,7 +68,7 @@ def keyframe_trajectory(t: Array, states: list[Any], covariances: list[Array]) -
 
 
 def slow_states(problem: Problem, values: Any, covariances: dict[int, Array]) -> SlowStates:
-    """Heading bias and IMU biases at each keyframe with their sigmas."""
+    """Heading bias, IMU biases and range scales at each keyframe with their sigmas."""
     columns: dict[str, tuple[Array, Array]] = {}
     index = range(len(problem.t))
     if problem.compass:
@@ -82,6 +82,12 @@ def slow_states(problem: Problem, values: Any, covariances: dict[int, Array]) ->
         names = [f"accel_{a}_m_s2" for a in "xyz"] + [f"gyro_{a}_rad_s" for a in "xyz"]
         for c, name in enumerate(names):
             columns[name] = (vectors[:, c], sigmas[:, c])
+    for sensor, key in problem.range_scales.items():
+        scale = np.full(len(problem.t), values.atNavState(key).position()[0])
+        columns[f"{sensor}_range_scale"] = (
+            scale,
+            np.full(len(problem.t), np.sqrt(covariances[key][0, 0])),
+        )
     return SlowStates(problem.t, columns)
 
 

@@ -117,6 +117,9 @@ def landmark_start(
     sensor, landmarks = mission.first("landmarks"), mission.landmark_map
     if sensor is None or landmarks is None:
         return None
+    assert isinstance(sensor.series, LandmarkSeries)
+    if sensor.series.range_m is None or sensor.series.bearing is None:
+        return None
     sighted = _sighted(sensor, settings, landmarks)
     stretch_s = FIRST_STRETCH_S
     while len(sighted.t):

@@ -12,7 +12,7 @@ import gtsam_nav as gn
 from gtsam_nav.frames import rotation_from_rpy, wrap_angle
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import L, X
-from gtsam_nav.graph.measurements.landmarks import Seen
+from gtsam_nav.graph.measurements.sightings import Seen
 from gtsam_nav.mission import InitialState, LandmarkMap, Mission, Sensor
 from gtsam_nav.sensors.landmarks import Sighting, observe
 from gtsam_nav.sensors.prediction import BodyState
