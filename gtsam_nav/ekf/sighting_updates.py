@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.linalg import LinAlgError
 
-from gtsam_nav.ekf.association import NONE, Comparison, joint, nearest
 from gtsam_nav.ekf.landmark_filter import Landmark, LandmarkFilter
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Rejection, Sensor
+from gtsam_nav.sensors.association import NONE, Comparison, joint, nearest
 from gtsam_nav.sensors.landmarks import measurements, sighting, trusted_ids, variance_factors
 from gtsam_nav.sensors.noise import LandmarkNoise
 from gtsam_nav.sensors.prediction import chi2_limit

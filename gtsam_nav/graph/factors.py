@@ -7,7 +7,6 @@ copy of all values at each evaluation, which makes the solve quadratic in the mi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import gtsam
@@ -219,51 +218,46 @@ def sighting(
     return gtsam.BetweenFactorNavState(key, landmark, measured, noise)
 
 
-class LinearFactor(gtsam.LinearContainerFactor):  # type: ignore[misc]
-    """A factor on any number of states, linear about their present values.
+Trio = tuple[Any, Any, Any]
+
+
+class LinearFactor(gtsam.LinearContainerFactor):
+    """A factor on three states, linear about their present values.
 
     Parameters
     ----------
-    keys : sequence of int
-    states : sequence of gtsam.NavState
-        Their values.
-    jacobians : sequence of ndarray, shape (m, 9)
+    keys, states : tuples of three
+        The states and their values, NavStates all.
+    jacobians : tuple of three ndarrays, shape (m, 9)
         Of the whitened residual, in their tangents.
     residual : ndarray, shape (m,)
         Whitened, at these values.
     """
 
-    def __init__(
-        self,
-        keys: Sequence[int],
-        states: Sequence[Any],
-        jacobians: Sequence[Array],
-        residual: Array,
-    ) -> None:
-        self._parts = keys, states, jacobians
-        self._residual = residual
+    def __init__(self, keys: Trio, states: Trio, jacobians: Trio, residual: Array) -> None:
+        self._parts, self._residual = (keys, states, jacobians), residual
         values = gtsam.Values()
         for key, state in zip(keys, states, strict=True):
             values.insert(key, state)
-        blocks = [part for pair in zip(keys, jacobians, strict=True) for part in pair]
+        (a, b, c), (A, B, C) = keys, jacobians
         unit = gtsam.noiseModel.Unit.Create(len(residual))
-        super().__init__(gtsam.JacobianFactor(*blocks, -residual, unit), values)
+        super().__init__(gtsam.JacobianFactor(a, A, b, B, c, C, -residual, unit), values)
 
     def whitenedError(self, values: Any) -> Array:  # noqa: N802
         """The whitened residual at other values, as native factors tell theirs."""
-        A, b = self.linearize(values).jacobian()
+        _, b = self.linearize(values).jacobian()
         return np.asarray(-b)
 
     def weighed(self, kernel: Any) -> LinearFactor:
         """The same with the weight that an m-estimator gives it where it was made."""
-        keys, states, jacobians = self._parts
+        keys, states, (A, B, C) = self._parts
         root = float(np.sqrt(kernel.weight(float(np.linalg.norm(self._residual)))))
-        return LinearFactor(keys, states, [root * J for J in jacobians], root * self._residual)
+        return LinearFactor(keys, states, (root * A, root * B, root * C), root * self._residual)
 
 
 def scaled_sighting(
-    keys: tuple[int, int, int],
-    states: tuple[Any, Any, Any],
+    keys: Trio,
+    states: Trio,
     by_offset: Array,
     by_scale: Array,
     residual: Array,
@@ -288,7 +282,7 @@ def scaled_sighting(
     J_landmark[:, 3:6] = by_offset @ R_nb.T
     J_scale[:, 3] = by_scale
     whiten = np.linalg.inv(np.linalg.cholesky(cov))
-    jacobians = [whiten @ J for J in (J_body, J_landmark, J_scale)]
+    jacobians = whiten @ J_body, whiten @ J_landmark, whiten @ J_scale
     return LinearFactor(keys, states, jacobians, whiten @ residual)
 
 

@@ -38,7 +38,7 @@ MOST_SIGMA_SHARE = 0.1
 LEAST_FITTING = 0.6
 """Share of the views that must agree with a place."""
 
-TWO_PLACES = "two mirrored places fit its ranges: the path is too straight"
+TWO_PLACES = "two mirrored places fit its ranges: the path is too straight, or too flat"
 NO_PARALLAX = "too little parallax to place the landmark"
 NO_PLACE = "no place fits most of its sightings"
 
@@ -139,10 +139,10 @@ class _Search:
         self.scale_precision = 1.0 / max(range_scale_sigma, 1e-6) ** 2
 
     def place(self) -> Array | str:
-        fits = [fit for start in self._starts() if (fit := self._refined(start)) is not None]
-        fits = [fit for fit in fits if fit.share >= LEAST_FITTING]
+        refined = [self._refined(start) for start in self._starts()]
+        fits = [fit for fit in refined if fit is not None and fit.share >= LEAST_FITTING]
         if not fits:
-            return NO_PLACE
+            return NO_PARALLAX if None in refined else NO_PLACE
         best = min(fits, key=lambda fit: fit.cost)
         if not self._is_certain(best):
             return NO_PARALLAX

@@ -218,9 +218,7 @@ def _enter(problem: Problem, own: Sightings, landmark: int, entry: Entry | str) 
         problem.level_landmarks.add(landmark)
 
 
-def _surveyed(
-    problem: Problem, mission: Mission, config: Config
-) -> dict[int, tuple[Array, float]]:
+def _surveyed(problem: Problem, mission: Mission, config: Config) -> dict[int, tuple[Array, float]]:
     """Positions and sigmas of the mapped landmarks that may be trusted, by id."""
     known = mission.landmark_map
     if known is None or not config.landmarks.use_map or mission.first("landmarks") is None:
