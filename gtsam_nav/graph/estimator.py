@@ -30,6 +30,7 @@ from gtsam_nav.graph.refinement import JointRefinement, Refined, refine_without_
 from gtsam_nav.graph.settling import settle
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.alignment import Alignment, align
+from gtsam_nav.preprocess.identified import identified
 from gtsam_nav.preprocess.inertial_motion import inertial_motion
 from gtsam_nav.preprocess.landmark_start import landmark_start
 from gtsam_nav.preprocess.motion import (
@@ -75,6 +76,9 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         Where the graph is indeterminate or diverges.
     """
     clock = StageClock()
+    if config.landmarks.association != "ids":
+        with clock.stage("association"):
+            mission, config = _identified(mission, config)
     with clock.stage("motion"):
         start, motion = _start_and_motion(mission, config)
     mission, echoes, rejections, warnings = leave_out_defective_sonar(mission, config.sonar)
@@ -133,6 +137,13 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         n_keyframes=len(t),
         stage_s=clock.seconds,
     )
+
+
+def _identified(mission: Mission, config: Config) -> tuple[Mission, Config]:
+    """The mission with ids by association, and the settings that trust them."""
+    mission = identified(mission, config.motion, config.landmarks)
+    landmarks = config.landmarks.model_copy(update={"association": "ids"})
+    return mission, config.model_copy(update={"landmarks": landmarks})
 
 
 def _start_and_motion(mission: Mission, config: Config) -> tuple[Alignment, VehicleMotion]:

@@ -25,6 +25,8 @@ from gtsam_nav.series import BoolArray, IntArray, LandmarkSeries
 
 NO_DIRECTION_M = 1e-3
 """Nearer than this a landmark has no direction."""
+LEAST_SIGMA_M = 1e-3
+"""Across a sighting: none tells where a landmark at no distance lies."""
 
 
 @dataclass(frozen=True)
@@ -191,6 +193,30 @@ def measurements(series: LandmarkSeries) -> tuple[Array, Array]:
     sigma = np.column_stack([seen.sigma_range, *[seen.sigma_bearing] * len(angles)])
     cov = sigma[:, :, None] ** 2 * np.eye(sigma.shape[1])
     return np.column_stack([seen.range_m, *angles]), cov
+
+
+def level_points(series: LandmarkSeries, sensor: Sensor) -> tuple[Array, Array]:
+    """Sightings as level points in body axes, (k, 2) m, with their covariances, (k, 2, 2).
+
+    Raises
+    ------
+    DataError
+        Where the sensor measures only ranges or only bearings.
+    """
+    up = np.zeros(len(series)) if series.elevation is None else series.elevation
+    seen = polar(series)
+    c, s = np.cos(seen.bearing), np.sin(seen.bearing)
+    direction_s = np.column_stack([np.cos(up) * c, np.cos(up) * s, -np.sin(up)])
+    level_b = (direction_s @ sensor.R_bs.T)[:, :2]
+    length = np.linalg.norm(level_b, axis=1, keepdims=True)
+    along = level_b / np.where(length > 0, length, 1.0)
+    aside = np.column_stack([-along[:, 1], along[:, 0]])
+    across = np.maximum(seen.range_m * seen.sigma_bearing, LEAST_SIGMA_M)
+    cov_b = (seen.sigma_range**2)[:, None, None] * along[:, :, None] * along[:, None] + (across**2)[
+        :, None, None
+    ] * aside[:, :, None] * aside[:, None]
+    p_b = sensor.xyz_b[:2] + level_b * seen.range_m[:, None]
+    return p_b, cov_b
 
 
 def trusted_ids(series: LandmarkSeries, settings: LandmarkSettings) -> IntArray:
