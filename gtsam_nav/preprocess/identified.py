@@ -90,4 +90,4 @@ def _ids(sensor: Sensor, motion: PlanarMotion, settings: LandmarkSettings) -> In
 def _moments(t: Array) -> Array:
     """Times without those that follow another at once."""
     t = np.unique(t)
-    return t[np.append(True, np.diff(t) > MOMENT_S)]
+    return np.asarray(t[np.append(True, np.diff(t) > MOMENT_S)])

@@ -88,8 +88,8 @@ class Coincidences:
     def nis(self) -> Array:
         """Squared normalised distance of each pair, shape (s, k)."""
         nis = np.full(self.possible.shape, np.inf)
-        for i, j in np.argwhere(self.possible):
-            nis[i, j] = self.joint_nis([int(i)], [int(j)])
+        for i, j in np.argwhere(self.possible).tolist():
+            nis[i, j] = self.joint_nis([i], [j])
         return nis
 
     def joint_nis(self, sightings: list[int], landmarks: list[int]) -> float:
@@ -273,13 +273,13 @@ class Identities:
         )
         spacing = _spacing(estimate.landmarks, distinct)[old]
         if tight:
-            for i, j in np.argwhere(possible):
-                possible[i, j] = compared.spread(i, j) <= TIGHT * spacing[j]
+            for s, k in np.argwhere(possible).tolist():
+                possible[s, k] = compared.spread(s, k) <= TIGHT * spacing[k]
         pairs = compared.clear_pairs(self.settings)
         if not pairs or not (tight or compared.log_odds(pairs, spacing) > LOG_ODDS):
             return False
-        for i, j in pairs:
-            self._join(int(fresh[i]), int(names[old[j]]))
+        for s, k in pairs:
+            self._join(int(fresh[s]), int(names[old[k]]))
         return True
 
     def _join(self, a: int, b: int) -> None:
