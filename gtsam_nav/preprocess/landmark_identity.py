@@ -1,11 +1,12 @@
 """Which landmark each sighting is of, where the sensor does not say: decided late.
 
 Sightings that follow each other are tracklets, and each is a landmark of its own to begin with.
-As the map grows, tracklets that coincide with older landmarks within their joint covariance are
-merged with them: the largest jointly compatible set at a time (Neira and Tardos 2001), and of it
-only those that nothing else explains as well. What is ambiguous stays apart, which does no harm,
-and is looked at again when more is known: at last with everything known, where also tracklets that
-contradict their landmark are taken out of it, until nothing changes.
+As the map grows, landmarks that coincide with older ones within their joint covariance are merged
+with them: first those of which that is surely known, then the largest jointly compatible set of
+what is left (Neira and Tardos 2001). Each decision waits until the tracklet is complete, and is
+made on a map solved anew; what fits nothing stays apart, which does no harm, and is looked at again
+when more is known: at last with everything known, where also tracklets that contradict their
+landmark are taken out of it, until nothing changes.
 """
 
 from __future__ import annotations
@@ -32,14 +33,8 @@ FRESH_S = 90.0
 """How long a new landmark is compared again with older ones at each decision."""
 MOST_CANDIDATES = 8
 """Nearest landmarks that a tracklet is compared with."""
-TWO = chi2_limit(0.999, 2)
-"""Landmarks that lie further apart, in squared normalised distance, are two."""
-CLEAR = chi2_limit(0.99, 2)
-"""By how much the squared distance of any other explanation must be larger."""
 TIGHT = 0.12
-"""A coincidence that is less uncertain, as a share of the distance between neighbours, counts."""
-LOG_ODDS = float(np.log(1000.0))
-"""Others must together be so much likelier than landmarks that happen to lie so."""
+"""How uncertain a sure coincidence may be, as a share of the distance between neighbours."""
 MOST_JOINT = 6
 """Tracklets that are compared jointly."""
 MOST_ROUNDS = 30
@@ -59,11 +54,6 @@ class Coincidences:
         Which of the n are compared.
     possible : ndarray of bool, shape (s, k)
         False where they cannot be the same: both were seen apart at one moment.
-    distinct : ndarray of bool, shape (k, k)
-        Old ones that were seen apart.
-    resolution : float
-        Landmarks that are nearer to each other the sensor does not tell apart, m: which of them is
-        meant hardly matters.
     """
 
     p: Array
@@ -71,8 +61,6 @@ class Coincidences:
     fresh: IntArray
     old: IntArray
     possible: BoolArray
-    distinct: BoolArray
-    resolution: float
 
     @property
     def m(self) -> int:
@@ -109,51 +97,11 @@ class Coincidences:
         S = self.difference_cov(self.fresh[[i]], self.old[[j]]).reshape(2, 2)
         return float(np.sqrt(np.linalg.eigvalsh(S)[-1]))
 
-    def log_odds(self, pairs: list[tuple[int, int]], spacing: Array) -> float:
-        """How much likelier it is, as a logarithm, that pairs coincide than that landmarks of a
-        given spacing (k,) happen to lie so."""
-        s, k = (list(side) for side in zip(*pairs, strict=True))
-        n = 2 * len(pairs)
-        S = self.difference_cov(self.fresh[s], self.old[k]).reshape(n, n)
-        _, log_det = np.linalg.slogdet(2 * np.pi * S)
-        return float(np.sum(np.log(spacing[k] ** 2)) - 0.5 * (log_det + self._nis_of(pairs)))
-
-    def clear_pairs(self, settings: LandmarkSettings) -> list[tuple[int, int]]:
-        """Pairs that coincide jointly, and each of which has no rival."""
+    def pairs(self, settings: LandmarkSettings) -> list[tuple[int, int]]:
+        """Which coincide: the largest jointly compatible set, or each with its nearest."""
         match = joint if settings.association == "joint" else nearest
         found = match(self, settings.gate_probability)
-        pairs = [(s, int(k)) for s, k in enumerate(found) if k != NONE]
-        return [pair for pair in pairs if self._is_clear(pair, pairs, settings)]
-
-    def _is_clear(
-        self, pair: tuple[int, int], pairs: list[tuple[int, int]], settings: LandmarkSettings
-    ) -> bool:
-        """Whether no other landmark could take this pair's place."""
-        s, k = pair
-        rest = [p for p in pairs if p != pair]
-        limit = chi2_limit(settings.new_probability, 2)
-        own = self._nis_of([*rest, pair])
-        for other in np.flatnonzero(self.nis[s] <= max(limit, self.nis[s, k] + CLEAR)):
-            if other == k or not self._are_two(int(other), k):
-                continue
-            others = [p for p in rest if p[1] != other]
-            if self._nis_of([*others, (s, int(other))]) < own + CLEAR:
-                return False
-        return True
-
-    def _are_two(self, i: int, j: int) -> bool:
-        """Whether two old landmarks are certainly not one, nor look like one."""
-        if self.distinct[i, j]:
-            return True
-        a, b = self.old[[i]], self.old[[j]]
-        off = (self.p[a] - self.p[b])[0]
-        if np.hypot(*off) <= self.resolution:
-            return False
-        S = self.difference_cov(a, b).reshape(2, 2)
-        return bool(off @ np.linalg.solve(S, off) > TWO)
-
-    def _nis_of(self, pairs: list[tuple[int, int]]) -> float:
-        return self.joint_nis([s for s, _ in pairs], [k for _, k in pairs])
+        return [(s, int(k)) for s, k in enumerate(found) if k != NONE]
 
 
 class Identities:
@@ -168,7 +116,7 @@ class Identities:
     tracklet : ndarray of int, shape (k,)
         Of each sighting.
     resolution : float
-        As `Coincidences` has it.
+        Landmarks that are nearer to each other the sensor does not tell apart, m.
     settings : LandmarkSettings
     """
 
@@ -259,7 +207,6 @@ class Identities:
                 possible[i, j] = names[old[j]] < own and self._may_be_one(own, int(names[old[j]]))
         if not np.any(possible):
             return False
-        distinct = self._landmarks_seen_apart(names)
         rows = np.union1d(row, old)
         cov = estimate.landmark_cov(rows).reshape(len(rows), 2, len(rows), 2)
         compared = Coincidences(
@@ -268,19 +215,15 @@ class Identities:
             np.searchsorted(rows, row),
             np.searchsorted(rows, old),
             possible,
-            distinct[np.ix_(old, old)],
-            self.resolution,
         )
-        spacing = _spacing(estimate.landmarks, distinct)[old]
         if tight:
+            spacing = _spacing(estimate.landmarks, self._landmarks_seen_apart(names))[old]
             for s, k in np.argwhere(possible).tolist():
                 possible[s, k] = compared.spread(s, k) <= TIGHT * spacing[k]
-        pairs = compared.clear_pairs(self.settings)
-        if not pairs or not (tight or compared.log_odds(pairs, spacing) > LOG_ODDS):
-            return False
+        pairs = compared.pairs(self.settings)
         for s, k in pairs:
             self._join(int(fresh[s]), int(names[old[k]]))
-        return True
+        return bool(pairs)
 
     def _join(self, a: int, b: int) -> None:
         older, younger = sorted(self.landmark[[a, b]].tolist())
