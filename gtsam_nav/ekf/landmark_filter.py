@@ -12,9 +12,9 @@ from typing import Protocol
 
 import numpy as np
 
-from gtsam_nav.ekf.association import Comparison
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Sensor
+from gtsam_nav.sensors.association import Comparison
 from gtsam_nav.sensors.landmarks import Observation, Sighting, observe, place
 from gtsam_nav.sensors.prediction import BodyState
 from gtsam_nav.series import IntArray

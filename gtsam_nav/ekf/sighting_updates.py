@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.linalg import LinAlgError
 
-from gtsam_nav.ekf.association import NONE, Comparison, joint, nearest
 from gtsam_nav.ekf.landmark_filter import Landmark, LandmarkFilter
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Rejection, Sensor
+from gtsam_nav.sensors.association import NONE, Comparison, joint, nearest
 from gtsam_nav.sensors.landmarks import measurements, sighting, trusted_ids, variance_factors
 from gtsam_nav.sensors.noise import LandmarkNoise
 from gtsam_nav.sensors.prediction import chi2_limit
@@ -219,7 +219,7 @@ class SightingUpdates:
     def _augment(self, sample: int) -> None:
         """Add the landmark of a sighting, in place of a tentative one with its id."""
         seen, id_ = sighting(self.series, sample), int(self.ids[sample])
-        if seen.range_m < LEAST_RANGE_SIGMAS * seen.sigma_range:
+        if self.measured[sample, 0] < LEAST_RANGE_SIGMAS * seen.sigma_range:
             self._reject(sample, TOO_NEAR)
             return
         for landmark in reversed(range(len(self.known))):

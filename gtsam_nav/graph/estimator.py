@@ -42,6 +42,7 @@ from gtsam_nav.graph.weights import contradictions, robust_weights
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.alignment import Alignment, align
 from gtsam_nav.preprocess.compass_steps import without_compass_steps
+from gtsam_nav.preprocess.identified import identified
 from gtsam_nav.preprocess.inertial_motion import inertial_motion
 from gtsam_nav.preprocess.landmark_start import landmark_start
 from gtsam_nav.preprocess.motion import (
@@ -91,6 +92,9 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     """
     clock, robust = StageClock(), config.graph.robust
     check_sigmas(mission, robust)
+    if config.landmarks.association != "ids":
+        with clock.stage("association"):
+            mission, config = _identified(mission, config)
     with clock.stage("motion"):
         mission, compass_warnings = without_compass_steps(mission)
         start, motion = _start_and_motion(mission, config)
@@ -227,6 +231,13 @@ def _enough(believed: int, fixes: int) -> bool:
     return believed >= LEAST_BELIEVED * fixes
 
 
+def _identified(mission: Mission, config: Config) -> tuple[Mission, Config]:
+    """The mission with ids by association, and the settings that trust them."""
+    mission = identified(mission, config.motion, config.landmarks)
+    landmarks = config.landmarks.model_copy(update={"association": "ids"})
+    return mission, config.model_copy(update={"landmarks": landmarks})
+
+
 def _start_and_motion(mission: Mission, config: Config) -> tuple[Alignment, VehicleMotion]:
     """Alignment and motion, drawn onto the fixes or the surveyed landmarks.
 
@@ -295,12 +306,13 @@ def _sonar_data(
 
 
 def _covariances(problem: Problem, graph: Any, refined: Refined) -> dict[int, Array]:
-    """Marginal covariances of keyframes, compass frames, IMU biases and landmarks, by key."""
+    """Marginal covariances of keyframes, compass frames, IMU biases, landmarks and range scales."""
     index = range(len(problem.t))
     keys = [X(k) for k in index]
     keys += dict.fromkeys(problem.compass)
     keys += [B(k) for k in index] if problem.uses_imu else []
     keys += problem.landmarks.values()
+    keys += problem.range_scales.values()
     covariances = smoothed_covariances(
         graph, keys, refined.posterior, refined.planar_information, problem.is_stiff
     )

@@ -11,19 +11,20 @@ from typing import Any
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import B, G, L, M, X
+from gtsam.symbol_shorthand import B, G, L, M, S, X
 
-from gtsam_nav.frames import Array, Origin, earth_rate_n, rotation_from_rpy
+from gtsam_nav.frames import Array, Origin, earth_rate_n, rotation_from_rpy, skew
 from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.mission import Sensor
 from gtsam_nav.preprocess.strapdown import gravity_at
 from gtsam_nav.sensors.noise import ImuNoise
 
 PIN_PRECISION = 1e8
-"""Precision that holds the meaningless components of a compass, GNSS-error or landmark frame."""
+"""Precision that holds the meaningless components of a frame of which only a part means anything:
+a compass's, a GNSS error's, a landmark's, a range scale's."""
 
-# symbols of IMU bias, GNSS error, landmark, compass frame and keyframe
-__all__ = ["B", "G", "L", "M", "X"]
+# symbols of IMU bias, GNSS error, landmark, compass frame, range scale and keyframe
+__all__ = ["B", "G", "L", "M", "S", "X"]
 
 
 def precisions(values: Any) -> Any:
@@ -60,6 +61,8 @@ def weight(robustness: Robustness, whitened: float) -> float:
 
 def robust(factor: Any, robustness: Robustness) -> Any:
     """The factor under a kernel."""
+    if isinstance(factor, LinearFactor):
+        return factor.weighed(robustness)
     kernel = m_estimator(robustness)
     if kernel is None:
         return factor
@@ -222,6 +225,81 @@ def sighting(
     noise = gtsam.noiseModel.Gaussian.SqrtInformation(root, False)
     measured = nav_state(np.eye(3), measured_b, np.zeros(3))
     return gtsam.BetweenFactorNavState(key, landmark, measured, noise)
+
+
+Trio = tuple[Any, Any, Any]
+
+
+class LinearFactor(gtsam.LinearContainerFactor):
+    """A factor on three states, linear about their present values.
+
+    Parameters
+    ----------
+    keys, states : tuples of three
+        The states and their values, NavStates all.
+    jacobians : tuple of three ndarrays, shape (m, 9)
+        Of the whitened residual, in their tangents.
+    residual : ndarray, shape (m,)
+        Whitened, at these values.
+    """
+
+    def __init__(self, keys: Trio, states: Trio, jacobians: Trio, residual: Array) -> None:
+        self._parts, self._residual = (keys, states, jacobians), residual
+        values = gtsam.Values()
+        for key, state in zip(keys, states, strict=True):
+            values.insert(key, state)
+        (a, b, c), (A, B, C) = keys, jacobians
+        unit = gtsam.noiseModel.Unit.Create(len(residual))
+        super().__init__(gtsam.JacobianFactor(a, A, b, B, c, C, -residual, unit), values)
+
+    def whitenedError(self, values: Any) -> Array:  # noqa: N802
+        """The whitened residual at other values, as native factors tell theirs."""
+        _, b = self.linearize(values).jacobian()
+        return np.asarray(-b)
+
+    def weighed(self, robustness: Robustness) -> LinearFactor:
+        """The same with the weight that a kernel gives it where it was made."""
+        keys, states, (A, B, C) = self._parts
+        root = float(np.sqrt(weight(robustness, float(np.linalg.norm(self._residual)))))
+        return LinearFactor(keys, states, (root * A, root * B, root * C), root * self._residual)
+
+
+def scaled_sighting(
+    keys: Trio,
+    states: Trio,
+    by_offset: Array,
+    by_scale: Array,
+    residual: Array,
+    cov: Array,
+) -> LinearFactor:
+    """As `sighting`, of a sensor whose ranges are all too long by a share that is a state.
+
+    Parameters
+    ----------
+    keys, states : tuples of three
+        Keyframe, landmark and range scale.
+    by_offset : ndarray, shape (m, 3)
+        Jacobian of the residual (m,) in the landmark's offset from the body, along its axes.
+    by_scale : ndarray, shape (m,)
+    residual, cov : ndarray, shapes (m,) and (m, m)
+    """
+    R_nb = states[0].attitude().matrix()
+    offset_b = R_nb.T @ (states[1].position() - states[0].position())
+    m = len(residual)
+    J_body, J_landmark, J_scale = np.zeros((m, 9)), np.zeros((m, 9)), np.zeros((m, 9))
+    J_body[:, :3], J_body[:, 3:6] = by_offset @ skew(offset_b), -by_offset
+    J_landmark[:, 3:6] = by_offset @ R_nb.T
+    J_scale[:, 3] = by_scale
+    whiten = np.linalg.inv(np.linalg.cholesky(cov))
+    jacobians = whiten @ J_body, whiten @ J_landmark, whiten @ J_scale
+    return LinearFactor(keys, states, jacobians, whiten @ residual)
+
+
+def range_scale_prior(key: int, sigma: float) -> Any:
+    """By what share a sensor's ranges are too long: a frame of which only ``n`` means anything."""
+    pins = [PIN_PRECISION] * 3
+    noise = precisions([*pins, 1 / sigma**2, *[PIN_PRECISION] * 2, *pins])
+    return gtsam.PriorFactorNavState(key, gtsam.NavState(), noise)
 
 
 def landmark_prior(key: int, p_n: Array, sigma: Array) -> Any:

@@ -131,6 +131,9 @@ def _state(problem: Problem, key: int) -> str:
         brought = [k for k, new in enumerate(problem.variables) if any(v == key for v, _ in new)]
         t = problem.t[brought[0]] if brought else problem.t[0]
         return f"place of landmark {names[0] if names else index}, first seen at {t:.1f} s,"
+    if kind == "s":
+        names = [name for name, own in problem.range_scales.items() if own == key]
+        return f"range scale of '{names[0] if names else index}'"
     k = index % RECEIVER_STRIDE
     if kind == "m" and k == len(problem.t):
         return "constant compass bias"

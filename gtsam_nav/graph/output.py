@@ -88,7 +88,7 @@ def slow_states(
     covariances: dict[int, Array],
     constants: Mapping[str, tuple[float, float]],
 ) -> SlowStates:
-    """Heading bias and IMU biases at each keyframe with their sigmas; and the constant errors."""
+    """Heading bias, IMU biases, range scales and constant errors at each keyframe, with sigmas."""
     n = len(problem.t)
     columns = {
         name: (np.full(n, value), np.full(n, sigma)) for name, (value, sigma) in constants.items()
@@ -105,6 +105,12 @@ def slow_states(
         names = [f"accel_{a}_m_s2" for a in "xyz"] + [f"gyro_{a}_rad_s" for a in "xyz"]
         for c, name in enumerate(names):
             columns[name] = (vectors[:, c], sigmas[:, c])
+    for sensor, key in problem.range_scales.items():
+        scale = np.full(len(problem.t), values.atNavState(key).position()[0])
+        columns[f"{sensor}_range_scale"] = (
+            scale,
+            np.full(len(problem.t), np.sqrt(covariances[key][0, 0])),
+        )
     return SlowStates(problem.t, columns)
 
 

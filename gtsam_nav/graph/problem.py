@@ -191,6 +191,8 @@ class Problem:
         Key of each landmark by its id.
     level_landmarks : set of int
         Those whose depth no sighting tells.
+    range_scales : dict of str to int
+        Key of the range scale of each sensor that has one.
     rejections : list of Rejection
         What was left out before any estimate.
     warnings : list of str
@@ -217,6 +219,7 @@ class Problem:
     compass: list[int] = field(default_factory=list)
     landmarks: dict[int, int] = field(default_factory=dict)
     level_landmarks: set[int] = field(default_factory=set)
+    range_scales: dict[str, int] = field(default_factory=dict)
     rejections: list[Rejection] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
 

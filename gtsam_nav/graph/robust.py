@@ -73,8 +73,6 @@ class GnssRobustness(GatedRobustness):
 class SightingRobustness(GatedRobustness):
     """Sightings of landmarks, of which many are merely bad, beside false ones."""
 
-    TUNED: ClassVar[Mapping[str, float]] = {"cauchy": 1.0}
-
     kernel: KernelName = "cauchy"
     gate_probability: float | None = Field(default=0.999, gt=0, lt=1)
 

@@ -227,13 +227,14 @@ def _calibration_effect(
 def _tangent(key: int) -> tuple[int, slice]:
     """Width of a variable's tangent, and which part of it is free.
 
-    Of a compass frame only the yaw is, of a GNSS error or a landmark only the position; the rest is
-    pinned.
+    Of a compass frame only the yaw is, of a GNSS error or a landmark only the position, of a range
+    scale only the first component of that; the rest is pinned.
     """
     kind = chr(gtsam.Symbol(key).chr())
     if kind == "b":
         return 6, slice(0, 6)
-    return 9, {"m": slice(2, 3), "g": slice(3, 6), "l": slice(3, 6)}.get(kind, slice(0, 9))
+    parts = {"m": slice(2, 3), "g": slice(3, 6), "l": slice(3, 6), "s": slice(3, 4)}
+    return 9, parts.get(kind, slice(0, 9))
 
 
 def free_part(key: int) -> slice:
@@ -261,12 +262,12 @@ def _columns(values: Any) -> tuple[dict[int, slice], IntArray]:
 def _order_in_time(columns: dict[int, slice]) -> IntArray:
     """Columns with all variables of a keyframe together: the chain's factors then stay narrow.
 
-    Landmarks, which tie keyframes of all times, come last.
+    Landmarks and range scales, which tie keyframes of all times, come last.
     """
 
     def place(key: int) -> tuple[bool, int, int]:
         symbol = gtsam.Symbol(key)
-        return chr(symbol.chr()) == "l", symbol.index() % RECEIVER_STRIDE, key
+        return chr(symbol.chr()) in "ls", symbol.index() % RECEIVER_STRIDE, key
 
     by_time = sorted(columns, key=place)
     return np.concatenate([np.arange(columns[key].start, columns[key].stop) for key in by_time])

@@ -17,7 +17,7 @@ from gtsam_nav.mission import LandmarkMap, Mission, Sensor
 from gtsam_nav.preprocess.alignment import Alignment, align
 from gtsam_nav.preprocess.planar_motion import PlanarMotion
 from gtsam_nav.preprocess.planar_smoothing import SightedPoints, smooth
-from gtsam_nav.sensors.landmarks import polar, trusted_ids
+from gtsam_nav.sensors.landmarks import level_points, trusted_ids
 from gtsam_nav.sensors.prediction import chi2_limit
 from gtsam_nav.sensors.settings import LandmarkSettings
 from gtsam_nav.series import BoolArray, IntArray, LandmarkSeries
@@ -31,8 +31,6 @@ LEAST_SIGHTINGS, LEAST_LANDMARKS, LEAST_SHARE = 4, 2, 0.7
 """What must fit: sightings, landmarks, and a share of the sightings (of few, all but one)."""
 SMOOTHED_S = 60.0
 """How long after the first sighting they still help to place the start."""
-LEAST_SIGMA_M = 1e-3
-"""Across a sighting: none tells where a landmark at no distance lies."""
 MOST_SIGMA_RAD = np.radians(15.0)
 """A start whose heading is less certain needs a longer stretch."""
 STEPS = 10
@@ -117,6 +115,9 @@ def landmark_start(
     sensor, landmarks = mission.first("landmarks"), mission.landmark_map
     if sensor is None or landmarks is None:
         return None
+    assert isinstance(sensor.series, LandmarkSeries)
+    if sensor.series.range_m is None or sensor.series.bearing is None:
+        return None
     sighted = _sighted(sensor, settings, landmarks)
     stretch_s = FIRST_STRETCH_S
     while len(sighted.t):
@@ -138,19 +139,7 @@ def _sighted(sensor: Sensor, settings: LandmarkSettings, landmarks: LandmarkMap)
     ids = trusted_ids(series, settings)
     usable = (ids < 0) | np.isin(ids, landmarks.id)
     series = series.select(usable)
-    up = np.zeros(len(series)) if series.elevation is None else series.elevation
-    seen = polar(series)
-    c, s = np.cos(seen.bearing), np.sin(seen.bearing)
-    direction_s = np.column_stack([np.cos(up) * c, np.cos(up) * s, -np.sin(up)])
-    level_b = (direction_s @ sensor.R_bs.T)[:, :2]
-    length = np.linalg.norm(level_b, axis=1, keepdims=True)
-    along = level_b / np.where(length > 0, length, 1.0)
-    aside = np.column_stack([-along[:, 1], along[:, 0]])
-    across = np.maximum(seen.range_m * seen.sigma_bearing, LEAST_SIGMA_M)
-    cov_b = (seen.sigma_range**2)[:, None, None] * along[:, :, None] * along[:, None] + (across**2)[
-        :, None, None
-    ] * aside[:, :, None] * aside[:, None]
-    p_b = sensor.xyz_b[:2] + level_b * seen.range_m[:, None]
+    p_b, cov_b = level_points(series, sensor)
     return Sighted(series.t, ids[usable], p_b, cov_b)
 
 

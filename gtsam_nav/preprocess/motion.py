@@ -235,6 +235,11 @@ def _walked(t: Array, t_readings: Array, usual_growth: float, sigma_accel: float
 def _smooth_each_axis(
     z: BodyVelocities, densities: Array, gate: float
 ) -> list[tuple[Array, Array, BoolArray]]:
+    """Level, its variance and what was used, of each axis. Wheels, unlike sound, make no spikes,
+    and change their speed at once: their readings are taken as they are."""
+    if z.by_wheels:
+        everything = np.ones(len(z.t), dtype=bool)
+        return [(z.v_b[:, axis], z.sigma**2, everything) for axis in range(3)]
     from gtsam_nav.preprocess._trend import smooth_trend
 
     out = []
@@ -265,7 +270,9 @@ def _velocity_readings(
         assert isinstance(series, OdometrySeries)
         if len(series) >= 2:
             v_b = np.column_stack([series.v_b, np.zeros(len(series))])
-            readings = BodyVelocities(odometry.name, series.t, v_b, series.sigma_v, series.row)
+            readings = BodyVelocities(
+                odometry.name, series.t, v_b, series.sigma_v, series.row, by_wheels=True
+            )
             return readings, rejections
     raise DataError(
         f"mission '{mission.name}': the velocity needs a DVL with valid samples or odometry;"

@@ -15,7 +15,8 @@ from gtsam_nav.series import BoolArray, DvlSeries, IntArray
 
 @dataclass(frozen=True)
 class BodyVelocities:
-    """Velocities of the body's origin in body axes, (n, 3) m/s, with sigmas (n,)."""
+    """Velocities of the body's origin in body axes, (n, 3) m/s, with sigmas (n,); by a DVL, or by
+    odometry."""
 
     sensor: str
     t: Array
@@ -23,6 +24,7 @@ class BodyVelocities:
     sigma: Array
     row: IntArray
     rejections: tuple[Rejection, ...] = ()
+    by_wheels: bool = False
 
     def __len__(self) -> int:
         return len(self.t)

@@ -11,7 +11,7 @@ residual of zero.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,37 +25,53 @@ from gtsam_nav.series import BoolArray, IntArray, LandmarkSeries
 
 NO_DIRECTION_M = 1e-3
 """Nearer than this a landmark has no direction."""
+LEAST_SIGMA_M = 1e-3
+"""Across a sighting: none tells where a landmark at no distance lies."""
 
 
 @dataclass(frozen=True)
 class Sighting:
-    """One landmark, seen once: range (m), bearing and elevation (rad; None where not measured)."""
+    """One landmark, seen once: range (m), bearing and elevation (rad), None where not measured;
+    the sigma of what is not measured means nothing."""
 
-    range_m: float
-    bearing: float
+    range_m: float | None
+    bearing: float | None
     elevation: float | None
     sigma_range: float
     sigma_bearing: float
 
     @property
-    def measured(self) -> Array:
-        """Range, bearing and, where measured, elevation."""
+    def polar(self) -> Array:
+        """Range, bearing and, where measured, elevation; NaN for a missing one of the first two."""
         values = [self.range_m, self.bearing]
-        return np.array(values if self.elevation is None else [*values, self.elevation])
+        values += [] if self.elevation is None else [self.elevation]
+        return np.array(values, dtype=float)
+
+    @property
+    def rows(self) -> IntArray:
+        """Which of `polar` are measured."""
+        return np.flatnonzero(np.isfinite(self.polar))
+
+    @property
+    def measured(self) -> Array:
+        """What is measured of range, bearing and elevation."""
+        return self.polar[self.rows]
 
     @property
     def cov(self) -> Array:
         """Of `measured`; an elevation is as good as the bearing."""
-        sigma = [self.sigma_range] + [self.sigma_bearing] * (len(self.measured) - 1)
-        return np.diag(np.square(sigma))
+        sigma = np.array([self.sigma_range, self.sigma_bearing, self.sigma_bearing])
+        return np.diag(np.square(sigma[self.rows]))
 
 
 @dataclass(frozen=True)
 class LandmarkPrediction(Prediction):
     """A sighting against a state and a landmark: ``jacobian_landmark``, shape (m, 3), is that of
-    the residual in the landmark's position along the navigation axes."""
+    the residual in the landmark's position along the navigation axes, ``jacobian_scale``, shape
+    (m,), that in the error of the ranges' scale."""
 
     jacobian_landmark: Array
+    jacobian_scale: Array
 
 
 @dataclass(frozen=True)
@@ -156,20 +172,17 @@ def variance_factors(t: Array, noise: LandmarkNoise) -> Array:
 
 
 def sighting(series: LandmarkSeries, k: int) -> Sighting:
-    """Sample k of a series.
+    """Sample k of a series."""
 
-    Raises
-    ------
-    DataError
-        Where the sensor does not measure both range and bearing.
-    """
-    whole = polar(series)
+    def sample(column: Array | None) -> float | None:
+        return None if column is None else float(column[k])
+
     return Sighting(
-        float(whole.range_m[k]),
-        float(whole.bearing[k]),
-        None if series.elevation is None else float(series.elevation[k]),
-        float(whole.sigma_range[k]),
-        float(whole.sigma_bearing[k]),
+        sample(series.range_m),
+        sample(series.bearing),
+        sample(series.elevation),
+        sample(series.sigma_range) or 0.0,
+        sample(series.sigma_bearing) or 0.0,
     )
 
 
@@ -180,6 +193,30 @@ def measurements(series: LandmarkSeries) -> tuple[Array, Array]:
     sigma = np.column_stack([seen.sigma_range, *[seen.sigma_bearing] * len(angles)])
     cov = sigma[:, :, None] ** 2 * np.eye(sigma.shape[1])
     return np.column_stack([seen.range_m, *angles]), cov
+
+
+def level_points(series: LandmarkSeries, sensor: Sensor) -> tuple[Array, Array]:
+    """Sightings as level points in body axes, (k, 2) m, with their covariances, (k, 2, 2).
+
+    Raises
+    ------
+    DataError
+        Where the sensor measures only ranges or only bearings.
+    """
+    up = np.zeros(len(series)) if series.elevation is None else series.elevation
+    seen = polar(series)
+    c, s = np.cos(seen.bearing), np.sin(seen.bearing)
+    direction_s = np.column_stack([np.cos(up) * c, np.cos(up) * s, -np.sin(up)])
+    level_b = (direction_s @ sensor.R_bs.T)[:, :2]
+    length = np.linalg.norm(level_b, axis=1, keepdims=True)
+    along = level_b / np.where(length > 0, length, 1.0)
+    aside = np.column_stack([-along[:, 1], along[:, 0]])
+    across = np.maximum(seen.range_m * seen.sigma_bearing, LEAST_SIGMA_M)
+    cov_b = (seen.sigma_range**2)[:, None, None] * along[:, :, None] * along[:, None] + (across**2)[
+        :, None, None
+    ] * aside[:, :, None] * aside[:, None]
+    p_b = sensor.xyz_b[:2] + level_b * seen.range_m[:, None]
+    return p_b, cov_b
 
 
 def trusted_ids(series: LandmarkSeries, settings: LandmarkSettings) -> IntArray:
@@ -216,7 +253,7 @@ def observe(
         counted[level, 2] = 0.0
     offset_n = counted * offset_n
     p_s = offset_n @ R_ns
-    values, jacobian_polar = _polar(p_s, elevation)
+    values, jacobian_polar = polar_coordinates(p_s, elevation)
     by_landmark = R_ns.T * counted[:, None]
     by_position = -by_landmark @ state.R_nb
     by_attitude = sensor.R_bs.T @ skew(offset_n @ state.R_nb) - by_position @ skew(sensor.xyz_b)
@@ -224,7 +261,7 @@ def observe(
     return Observation(values, jacobian_polar @ by_body, jacobian_polar @ by_landmark)
 
 
-def _polar(p_s: Array, elevation: bool) -> tuple[Array, Array]:
+def polar_coordinates(p_s: Array, elevation: bool) -> tuple[Array, Array]:
     """Range, bearing[, elevation] of points (k, 3), and the Jacobians (k, m, 3)."""
     x, y, z = p_s.T
     level = np.hypot(x, y)
@@ -245,20 +282,36 @@ def _polar(p_s: Array, elevation: bool) -> tuple[Array, Array]:
 
 
 def predict(
-    state: BodyState, landmark_n: Array, seen: Sighting, sensor: Sensor
+    state: BodyState, landmark_n: Array, seen: Sighting, sensor: Sensor, range_scale: float = 0.0
 ) -> LandmarkPrediction:
-    """A sighting of a landmark against a state: range, bearing[, elevation]."""
+    """A sighting of a landmark against a state: what it measures of range, bearing, elevation.
+
+    ``range_scale`` is by what share of them the ranges are too long, as with a wrong sound speed.
+    """
     observed = observe(state, landmark_n[None], sensor, elevation=seen.elevation is not None)
+    rows, stretch = seen.rows, np.ones(len(seen.polar))
+    stretch[0] += range_scale
+    by_scale = np.where(np.arange(len(stretch)) == 0, observed.values[0], 0.0)
+    stretched = replace(observed, values=observed.values * stretch)
     return LandmarkPrediction(
-        observed.residual(seen.measured)[0],
-        observed.jacobian_body[0],
+        stretched.residual(seen.polar)[0, rows],
+        (stretch[:, None] * observed.jacobian_body[0])[rows],
         seen.cov,
-        observed.jacobian_landmark[0],
+        (stretch[:, None] * observed.jacobian_landmark[0])[rows],
+        by_scale[rows],
     )
 
 
 def place(state: BodyState, seen: Sighting, sensor: Sensor) -> Placement:
-    """Where a sighting puts its landmark: the inverse of `observe`, for state augmentation."""
+    """Where a sighting puts its landmark: the inverse of `observe`, for state augmentation.
+
+    Raises
+    ------
+    DataError
+        Where it lacks the range or the bearing: it takes several such sightings.
+    """
+    if seen.range_m is None or seen.bearing is None:
+        raise DataError("a range or a bearing alone does not tell where a landmark is")
     R_ns = state.R_nb @ sensor.R_bs
     if seen.elevation is None:
         direction_n, by_attitude, by_angles = _level_direction(R_ns, seen.bearing, sensor.R_bs)
@@ -291,7 +344,7 @@ def _level_direction(R_ns: Array, bearing: float, R_bs: Array) -> tuple[Array, A
     direction_n = R_ns @ along_s
     direction_n[2] = 0.0
     aside_n = np.array([-direction_n[1], direction_n[0], 0.0])
-    _, jacobian_polar = _polar(along_s[None], elevation=False)
+    _, jacobian_polar = polar_coordinates(along_s[None], elevation=False)
     bearing_row = jacobian_polar[0, 1]
     # the direction turns in the level plane so as to keep, or follow, the bearing
     turn_by_bearing = 1.0 / (bearing_row @ R_ns.T @ aside_n)

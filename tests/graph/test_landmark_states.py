@@ -7,14 +7,18 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 import pytest
+from rovers import rover
 
 import gtsam_nav as gn
 from gtsam_nav.frames import rotation_from_rpy, wrap_angle
 from gtsam_nav.graph import factors
-from gtsam_nav.graph.factors import L, X
-from gtsam_nav.graph.measurements.landmarks import Seen
+from gtsam_nav.graph.factors import L, S, X
+from gtsam_nav.graph.measurements.landmarks import TOO_NEAR
+from gtsam_nav.graph.measurements.sightings import Seen
+from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.mission import InitialState, LandmarkMap, Mission, Sensor
-from gtsam_nav.sensors.landmarks import Sighting, observe
+from gtsam_nav.preprocess.landmark_placing import NO_PARALLAX
+from gtsam_nav.sensors.landmarks import Sighting, observe, predict
 from gtsam_nav.sensors.prediction import BodyState
 from gtsam_nav.series import LandmarkSeries
 from gtsam_nav.simulation.marina import marina
@@ -195,3 +199,130 @@ def test_a_made_factor_is_that_of_the_sensor_model(elevation: bool, level: bool)
         made.linearize(values).jacobian(), wanted.linearize(values).jacobian(), strict=True
     ):
         np.testing.assert_allclose(got, want, atol=1e-9)
+
+
+def spoilt(robot: Mission, **columns: object) -> Mission:
+    """The robot with other sightings."""
+    sensor = robot.sensors["landmarks"]
+    assert isinstance(sensor.series, LandmarkSeries)
+    return robot.with_sensor(replace(sensor, series=replace(sensor.series, **columns)))
+
+
+def test_a_landmark_at_no_distance_is_placed_by_a_later_sighting(robot: Mission) -> None:
+    series = robot.sensors["landmarks"].series
+    assert isinstance(series, LandmarkSeries)
+    assert series.range_m is not None
+    range_m = series.range_m.copy()
+    first = int(np.argmax(series.id == series.id[-1]))
+    range_m[first] = 0.0
+    solution = gn.estimate(spoilt(robot, range_m=range_m), "graph")
+    assert first in {r.index for r in solution.rejections if r.reason == "sighting outlier"}
+    assert se2_rmse_m(solution) < 1.3 * se2_rmse_m(gn.estimate(robot, "graph"))
+
+
+def test_a_landmark_only_seen_at_no_distance_is_said_and_not_used(robot: Mission) -> None:
+    series = robot.sensors["landmarks"].series
+    assert isinstance(series, LandmarkSeries)
+    assert series.range_m is not None
+    ids, range_m = series.id.copy(), series.range_m.copy()
+    ids[7], range_m[7] = 99, 0.0
+    solution = gn.estimate(spoilt(robot, id=ids, range_m=range_m), "graph")
+    assert f"landmark 99 is not used: {TOO_NEAR}" in solution.warnings
+    assert [r.index for r in solution.rejections if r.reason == TOO_NEAR] == [7]
+    assert solution.landmarks is not None
+    assert 99 not in solution.landmarks.id
+
+
+@pytest.mark.parametrize("kind", ["range", "bearing"])
+def test_ranges_or_bearings_alone_hold_a_rover_on_its_course(kind: str) -> None:
+    other = "bearing" if kind == "range" else "range"
+    lacking = {"range": "range_m", "bearing": "bearing"}[other]
+    mission = spoilt(replace(rover(), landmark_map=None), **{lacking: None, f"sigma_{other}": None})
+    solution = gn.estimate(mission, "graph")
+    alone = gn.estimate(mission.without("landmarks"), "graph")
+    assert solution.landmarks is not None
+    assert len(solution.landmarks.id) >= 6
+    assert se2_rmse_m(solution) < 0.5 * se2_rmse_m(alone)
+
+
+def test_a_landmark_without_parallax_is_said_and_not_used(robot: Mission) -> None:
+    """Two bearings are too few to place anything."""
+    series = robot.sensors["landmarks"].series
+    assert isinstance(series, LandmarkSeries)
+    ids = series.id.copy()
+    ids[5:7] = 99
+    looking = spoilt(robot, id=ids, range_m=None, sigma_range=None)
+    solution = gn.estimate(looking, "graph")
+    assert f"landmark 99 is not used: {NO_PARALLAX}" in solution.warnings
+    assert {5, 6} <= {r.index for r in solution.rejections if r.reason == NO_PARALLAX}
+
+
+def test_a_range_scale_is_found_with_an_honest_sigma(robot: Mission) -> None:
+    """Ranges 5 % too long: the odometry tells, within the spread of its own scale."""
+    sensor = robot.sensors["landmarks"]
+    assert isinstance(sensor.series, LandmarkSeries)
+    assert sensor.series.range_m is not None
+    long = replace(sensor.series, range_m=1.05 * sensor.series.range_m)
+    doubtful = {**sensor.noise, "range_scale_sigma": 0.1}
+    solution = gn.estimate(robot.with_sensor(replace(sensor, series=long, noise=doubtful)), "graph")
+    assert solution.slow_states is not None
+    scale, sigma = solution.slow_states.columns["landmarks_range_scale"]
+    assert 0.001 < sigma[0] < 0.08
+    assert abs(scale[0] - 0.05) < 3 * sigma[0]
+    trusting = gn.estimate(robot.with_sensor(replace(sensor, series=long)), "graph")
+    assert se2_rmse_m(solution) < se2_rmse_m(trusting) + 0.02
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_scaled_sighting_is_that_of_the_sensor_model(seed: int) -> None:
+    """Residual and Jacobians in body, landmark and scale; and numerically."""
+    rng = np.random.default_rng(seed)
+    sensor = Sensor(
+        name="landmarks",
+        type="landmarks",
+        series=gn.simulate("ranger", seed=0).sensors["landmarks"].series,
+        xyz_b=rng.normal(size=3),
+        R_bs=rotation_from_rpy(rng.normal(size=3)),
+    )
+    R_nb, p_n, landmark_n = rotation_from_rpy([0.1, 0.05, 2.5]), rng.normal(size=3), np.ones(3) * 4
+    seen = Sighting(5.0, 3.0 if seed % 2 else None, None, 0.2, 0.05)
+    states = {
+        int(X(0)): factors.nav_state(R_nb, p_n, np.zeros(3)),
+        int(L(0)): factors.nav_state(np.eye(3), landmark_n, np.zeros(3)),
+        int(S(0)): factors.nav_state(np.eye(3), np.array([0.07, 0.0, 0.0]), np.zeros(3)),
+    }
+    values = gtsam.Values()
+    for key, state in states.items():
+        values.insert(key, state)
+    scaled = Seen(0, int(L(0)), seen, sensor, False, scale_key=int(S(0)))
+    factor = scaled.make(states.__getitem__)
+    body = BodyState(R_nb, p_n, np.zeros(3))
+    model = predict(body, landmark_n, seen, sensor, range_scale=0.07)
+    whiten = np.diag(1 / np.sqrt(np.diag(model.cov)))
+    np.testing.assert_allclose(factor.whitenedError(values), whiten @ model.residual, atol=1e-9)
+    linear = factor.linearize(values)
+    A, _ = linear.jacobian()
+    first = {key: 9 * n for n, key in enumerate(linear.keys())}
+    at_x, at_l, at_s = (first[int(key)] for key in (X(0), L(0), S(0)))
+    np.testing.assert_allclose(A[:, at_x : at_x + 9], whiten @ model.jacobian, atol=1e-9)
+    np.testing.assert_allclose(
+        A[:, at_l + 3 : at_l + 6], whiten @ model.jacobian_landmark, atol=1e-9
+    )
+    np.testing.assert_allclose(A[:, at_s + 3], whiten @ model.jacobian_scale, atol=1e-9)
+    step = 1e-6
+    ahead, behind = (
+        predict(body, landmark_n, seen, sensor, range_scale=0.07 + off).residual
+        for off in (step, -step)
+    )
+    np.testing.assert_allclose(model.jacobian_scale, (ahead - behind) / (2 * step), atol=1e-5)
+    # a kernel's weight is that of the residual where the factor was made
+    weighed = factors.robust(factor, Robustness(kernel="cauchy", threshold=1.0))
+    squared = float(np.sum((whiten @ model.residual) ** 2))
+    np.testing.assert_allclose(2 * weighed.error(values), squared / (1 + squared), rtol=1e-6)
+
+
+def test_a_quiet_vehicle_starts_at_rest_in_the_graph_too() -> None:
+    """Nothing but its IMU tells of it: the first sigmas of the velocity are those of rest."""
+    solution = gn.estimate(gn.simulate("ranger", seed=3), "graph")
+    assert solution.trajectory.sigma_v_n is not None
+    assert np.all(solution.trajectory.sigma_v_n[0] < 0.02)

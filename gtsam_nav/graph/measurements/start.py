@@ -9,6 +9,7 @@ from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.mission import Mission
+from gtsam_nav.preprocess.alignment import at_rest
 from gtsam_nav.sensors.orientation import UNMEASURED_TILT_SIGMA_RAD
 
 VAGUE_M, VAGUE_RAD, VAGUE_M_S = 1e3, np.pi, 30.0
@@ -20,7 +21,7 @@ SLOW_M_S = 1.0
 """Speed at the start of a vehicle that a DVL or odometry tells of, or nothing."""
 
 
-def add(problem: Problem, mission: Mission, _config: Config) -> None:
+def add(problem: Problem, mission: Mission, config: Config) -> None:
     """The alignment as a prior; what is a factor of its own must not count twice."""
     start = problem.alignment
     sigma_rpy, sigma_p = start.sigma_rpy.copy(), start.sigma_p.copy()
@@ -37,8 +38,18 @@ def add(problem: Problem, mission: Mission, _config: Config) -> None:
         sigma_p[:] = VAGUE_M
     if mission.first("depth") is not None:
         sigma_p[2] = VAGUE_M
-    sigma_v = VAGUE_M_S if has_gnss and not problem.measures_velocity else SLOW_M_S
+    sigma_v = _speed_sigma(problem, mission, config)
     prior = factors.start_prior(
         X(0), problem.initial_state(0), start.R_nb, sigma_rpy, sigma_p, sigma_v
     )
     problem.add(0, "start", prior)
+
+
+def _speed_sigma(problem: Problem, mission: Mission, config: Config) -> float:
+    """Spread of the speed at the start: what nothing but a quiet IMU tells of stands."""
+    if problem.measures_velocity:
+        return SLOW_M_S
+    if mission.first("gnss") is not None:
+        return VAGUE_M_S
+    is_quiet = at_rest(mission, problem.alignment.t)
+    return config.motion.zero_velocity_sigma_m_s if is_quiet else SLOW_M_S

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gtsam_nav.ekf import association
-from gtsam_nav.ekf.association import NONE, Comparison, joint, nearest
 from gtsam_nav.frames import Array
+from gtsam_nav.sensors import association
+from gtsam_nav.sensors.association import NONE, Comparison, joint, nearest
 
 PROBABILITY = 0.99
 LANDMARKS = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [3.0, 0.0]])

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
@@ -23,6 +24,27 @@ NONE = -1
 
 MOST_NODES = 3000
 """The search for a joint pairing ends here with the best so far."""
+
+
+class Compared(Protocol):
+    """What may be of what: s things against k landmarks, m values each.
+
+    Attributes
+    ----------
+    m : int
+    nis : ndarray, shape (s, k)
+        Normalised innovation squared of each pairing, infinite where it cannot be.
+    """
+
+    @property
+    def m(self) -> int: ...
+
+    @property
+    def nis(self) -> Array: ...
+
+    def joint_nis(self, sightings: list[int], landmarks: list[int]) -> float:
+        """Normalised innovation squared of several pairings together."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -42,6 +64,11 @@ class Comparison:
     residual: Array
     spread: Array
     noise: Array
+
+    @property
+    def m(self) -> int:
+        """Values of a sighting."""
+        return int(self.residual.shape[2])
 
     @cached_property
     def nis(self) -> Array:
@@ -81,20 +108,20 @@ def _squared(S: Array, residual: Array) -> Array:
     return np.asarray(np.sum(whitened**2, axis=-1))
 
 
-def nearest(seen: Comparison, probability: float) -> IntArray:
+def nearest(seen: Compared, probability: float) -> IntArray:
     """Each sighting's nearest landmark, shape (s,): a landmark goes to one sighting, the nearest.
 
     Parameters
     ----------
-    seen : Comparison
+    seen : Compared
     probability : float
         Of the chi-square gate.
     """
-    n, k, m = seen.residual.shape
+    n, k = seen.nis.shape
     taken = np.full(n, NONE)
     pairings = seen.nis.ravel()
     for pairing in np.argsort(pairings, kind="stable"):
-        if not pairings[pairing] <= chi2_limit(probability, m):
+        if not pairings[pairing] <= chi2_limit(probability, seen.m):
             break
         s, landmark = divmod(int(pairing), k)
         if taken[s] == NONE and landmark not in taken:
@@ -102,7 +129,7 @@ def nearest(seen: Comparison, probability: float) -> IntArray:
     return taken
 
 
-def joint(seen: Comparison, probability: float) -> IntArray:
+def joint(seen: Compared, probability: float) -> IntArray:
     """The largest jointly compatible pairing, shape (s,); of equals, the one that fits best.
 
     Branch and bound, a sighting a level, its nearest landmark first; the search is bounded
@@ -110,7 +137,7 @@ def joint(seen: Comparison, probability: float) -> IntArray:
 
     Parameters
     ----------
-    seen : Comparison
+    seen : Compared
     probability : float
         Of the chi-square gates, individual and joint.
     """
@@ -118,8 +145,8 @@ def joint(seen: Comparison, probability: float) -> IntArray:
 
 
 class _Search:
-    def __init__(self, seen: Comparison, probability: float) -> None:
-        n, _, self.m = seen.residual.shape
+    def __init__(self, seen: Compared, probability: float) -> None:
+        n, self.m = len(seen.nis), seen.m
         self.seen, self.probability = seen, probability
         gate = chi2_limit(probability, self.m)
         self.choices = [
