@@ -21,8 +21,8 @@ import yaml
 from gtsam_nav.errors import OutputError
 from gtsam_nav.frames import Array, geodetic_from_ned, rpy_from_rotation
 from gtsam_nav.mission import Constraints, InitialState, LandmarkMap, Mission, Sensor
-from gtsam_nav.readers.layout import GEODETIC_COLUMNS, LAYOUTS, NED_COLUMNS
 from gtsam_nav.readers.clouds import cloud_table
+from gtsam_nav.readers.layout import GEODETIC_COLUMNS, LAYOUTS, NED_COLUMNS
 from gtsam_nav.series import (
     BeamSeries,
     CloudSeries,
