@@ -73,9 +73,11 @@ def register(
     with one_thread():
         for scale in COARSE_TO_FINE:
             voxel_m = scale * settings.voxel_m
-            clouds = [_thinned(points, voxel_m) for points in (new, reference)]
-            T_ab = _solve(*clouds, T_ab, GATE_VOXELS * voxel_m, estimation)
-    return judge(*(np.asarray(c.points) for c in reversed(clouds)), T_ab, prior, settings)
+            thin_reference, thin_new = _thinned(reference, voxel_m), _thinned(new, voxel_m)
+            T_ab = _solve(thin_new, thin_reference, T_ab, GATE_VOXELS * voxel_m, estimation)
+    return judge(
+        np.asarray(thin_reference.points), np.asarray(thin_new.points), T_ab, prior, settings
+    )
 
 
 def judge(

@@ -90,14 +90,18 @@ def register_points(
     Height, roll and pitch of the match are the prior's, with its covariance.
     """
     noise = SonarNoise().sigma_range_m ** 2 * np.eye(2)
-    scans = [Scan(0.0, xyz[:, :2], np.tile(noise, (len(xyz), 1, 1))) for xyz in (reference, new)]
+
+    def planar(xyz: Array) -> Scan:
+        return Scan(0.0, np.array(xyz[:, :2]), np.tile(noise, (len(xyz), 1, 1)))
+
     roll, pitch, yaw = rpy_from_rotation(prior.R_ab)
     turn, in_plane = planar_rotations(yaw), np.ix_(PLANAR, PLANAR)
     # x and y of the plane's match lie along the reference's axes, those of a relative pose do not
     to_a = np.eye(3)
     to_a[:2, :2] = turn
     q = np.array([prior.p_a[0], prior.p_a[1], yaw])
-    match = register(*scans, q, to_a @ prior.cov[in_plane] @ to_a.T, settings)
+    cov_prior = to_a @ prior.cov[in_plane] @ to_a.T
+    match = register(planar(reference), planar(new), q, cov_prior, settings)
     to_a[:2, :2] = planar_rotations(match.q[2])
     cov = prior.cov.copy()
     cov[PLANAR, :] = cov[:, PLANAR] = 0.0

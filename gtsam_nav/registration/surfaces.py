@@ -66,7 +66,8 @@ def alignment(reference: Array, new: Array, R_ab: Array, p_a: Array, gate_m: flo
 
     placed = new @ R_ab.T + p_a
     k = min(NEIGHBOURS, len(reference))
-    distance, index = KDTree(reference).query(placed, k=k)
+    found = KDTree(reference).query(placed, k=k)
+    distance, index = np.reshape(found[0], (-1, k)), np.reshape(found[1], (-1, k))
     paired = distance[:, 0] < gate_m
     centre, normal, cov_normal, is_plane = _planes(reference[index[paired]])
     points, placed = new[paired][is_plane], placed[paired][is_plane]
@@ -122,9 +123,8 @@ def match_covariance(found: Alignment, spacing_m: float) -> Array | None:
 def _information(jacobian: Array, arm_b: Array, cov_normal_b: Array) -> Array:
     """Sum of the residuals' outer products, shape (6, 6), without what noisy normals feign."""
     whole = jacobian.T @ jacobian + 1e-9 * np.eye(6)
-    by_normal = np.concatenate(
-        [skew(arm_b), np.broadcast_to(np.eye(3), cov_normal_b.shape)], axis=1
-    )
+    straight = np.broadcast_to(np.eye(3), cov_normal_b.shape)
+    by_normal = np.concatenate([skew(arm_b), straight], axis=1)
     feigned = np.einsum("mai,mij,mbj->ab", by_normal, cov_normal_b, by_normal)
     root = np.linalg.cholesky(whole)
     half = np.linalg.solve(root, feigned)
