@@ -37,8 +37,8 @@ class _Method:
 
 _METHODS = {
     "pic": _Method("pic", "register_points", "PicSettings", planar=True),
-    "open3d-icp": _Method("open3d_icp", "register_icp", "CloudSettings"),
-    "open3d-gicp": _Method("open3d_icp", "register_gicp", "CloudSettings"),
+    "open3d-icp": _Method("open3d_icp", "register_icp", "Open3dSettings"),
+    "open3d-gicp": _Method("open3d_icp", "register_gicp", "Open3dSettings"),
 }
 
 

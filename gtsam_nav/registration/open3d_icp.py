@@ -14,8 +14,8 @@ import numpy as np
 from gtsam_nav.frames import Array
 from gtsam_nav.registration.packages import one_thread, open3d
 from gtsam_nav.registration.result import CloudMatch, RelativePose
-from gtsam_nav.registration.settings import CloudSettings
-from gtsam_nav.registration.surfaces import alignment, match_covariance
+from gtsam_nav.registration.settings import Open3dSettings
+from gtsam_nav.registration.surfaces import Surfaces, match_covariance
 
 COARSE_TO_FINE = (4.0, 2.0, 1.0)
 """Voxels of one registration after the other, in sizes of the finest."""
@@ -29,7 +29,7 @@ CONVERGED = 1e-7
 
 
 def register_icp(
-    reference: Array, new: Array, prior: RelativePose, settings: CloudSettings
+    reference: Array, new: Array, prior: RelativePose, settings: Open3dSettings
 ) -> CloudMatch:
     """Register by point-to-plane ICP; see `register`."""
     estimation = open3d("open3d-icp").pipelines.registration
@@ -39,7 +39,7 @@ def register_icp(
 
 
 def register_gicp(
-    reference: Array, new: Array, prior: RelativePose, settings: CloudSettings
+    reference: Array, new: Array, prior: RelativePose, settings: Open3dSettings
 ) -> CloudMatch:
     """Register by generalised ICP; see `register`."""
     estimation = open3d("open3d-gicp").pipelines.registration
@@ -48,7 +48,7 @@ def register_gicp(
 
 
 def register(
-    reference: Array, new: Array, prior: RelativePose, settings: CloudSettings, estimation: Any
+    reference: Array, new: Array, prior: RelativePose, settings: Open3dSettings, estimation: Any
 ) -> CloudMatch:
     """Register a new cloud to a reference cloud.
 
@@ -58,7 +58,7 @@ def register(
         Points without their sensor's motion, m.
     prior : RelativePose
         Expected pose of the new cloud in the reference: where the search begins.
-    settings : CloudSettings
+    settings : Open3dSettings
     estimation : open3d.pipelines.registration.TransformationEstimation*
         The cost.
 
@@ -81,13 +81,13 @@ def register(
 
 
 def judge(
-    reference: Array, new: Array, T_ab: Array, prior: RelativePose, settings: CloudSettings
+    reference: Array, new: Array, T_ab: Array, prior: RelativePose, settings: Open3dSettings
 ) -> CloudMatch:
     """A pose with its covariance and fitness, or the reason why it is none."""
     if not np.all(np.isfinite(T_ab)):
         return CloudMatch(prior, 0.0, "diverged")
     R_ab, p_a = T_ab[:3, :3], T_ab[:3, 3]
-    found = alignment(reference, new, R_ab, p_a, GATE_VOXELS * settings.voxel_m)
+    found = Surfaces(reference).align(new, R_ab, p_a, GATE_VOXELS * settings.voxel_m)
     cov = match_covariance(found, settings.voxel_m)
     failure = ""
     if found.fitness < settings.min_fitness:
@@ -98,7 +98,7 @@ def judge(
     return CloudMatch(pose, found.fitness, failure)
 
 
-def floor(settings: CloudSettings) -> Array:
+def floor(settings: Open3dSettings) -> Array:
     """Least covariance (6, 6) of a match."""
     sigma = np.r_[[np.radians(settings.floor_deg)] * 3, [settings.floor_m] * 3]
     return np.diag(sigma**2)

@@ -43,7 +43,7 @@ class PicSettings(Settings):
     floor_yaw_deg: float = Field(default=0.5, ge=0)
 
 
-class CloudSettings(Settings):
+class Open3dSettings(Settings):
     """Registration of 3-D clouds.
 
     Attributes
