@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 
 from gtsam_nav.config import Config
+from gtsam_nav.errors import PackageError
 from gtsam_nav.frames import Array
+from gtsam_nav.graph.cloud_loops import close_cloud_loops, cloud_loop_closures, cloud_loop_edges
 from gtsam_nav.graph.dense import dense_trajectory
 from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.keyframes import keyframe_times, merged_anchors
-from gtsam_nav.graph.measurements import build_problem
+from gtsam_nav.graph.measurements import build_problem, clouds
 from gtsam_nav.graph.measurements.constraints import rolls
 from gtsam_nav.graph.measurements.gnss import POSITION_OUTLIER
 from gtsam_nav.graph.measurements.imu import preintegrable, silences
@@ -29,6 +31,8 @@ from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.refinement import JointRefinement, Refined, refine_without_sonar
 from gtsam_nav.graph.settling import settle
 from gtsam_nav.mission import Mission
+from gtsam_nav.odometry.cloud_map import cloud_map
+from gtsam_nav.odometry.kiss import CloudTrack, cloud_odometry
 from gtsam_nav.preprocess.alignment import Alignment, align
 from gtsam_nav.preprocess.inertial_motion import inertial_motion
 from gtsam_nav.preprocess.landmark_start import landmark_start
@@ -41,7 +45,7 @@ from gtsam_nav.preprocess.motion import (
 )
 from gtsam_nav.preprocess.planar_motion import planar_motion
 from gtsam_nav.series import ImuSeries
-from gtsam_nav.solution import Progress, Solution, StageClock
+from gtsam_nav.solution import Progress, Solution, SonarMap, StageClock
 from gtsam_nav.sonar.echoes import Echoes
 from gtsam_nav.sonar.motion import PlanarMotion
 from gtsam_nav.sonar.preparation import (
@@ -51,6 +55,7 @@ from gtsam_nav.sonar.preparation import (
     sonar_map,
     sonar_turns,
 )
+from gtsam_nav.trajectory import Trajectory
 
 MAP_START_SIGMAS = 10.0
 ROLLING_INTERVAL_S = 0.25
@@ -63,7 +68,8 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     Parameters
     ----------
     mission : Mission
-        With a DVL or odometry; IMU, heading, attitude, depth, GNSS and sonar where present.
+        With a DVL, odometry or IMU; heading, attitude, depth, GNSS, sonar and 3-D clouds where
+        present.
     config : Config
     progress : Progress
 
@@ -80,23 +86,34 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     mission, echoes, rejections, warnings = leave_out_defective_sonar(mission, config.sonar)
     with clock.stage("sonar"):
         sonar = _sonar_data(mission, echoes, motion, config)
+    with clock.stage("cloud odometry"):
+        track = cloud_odometry(mission, config.kiss, progress)
     t_scans = sonar.turns.t_ref if sonar else np.empty(0)
-    t = _keyframe_times(mission, t_scans, config)
+    t = _keyframe_times(mission, t_scans, track, config)
     scan_keyframe = np.searchsorted(t, t_scans)
     with clock.stage("factors"):
         problem = build_problem(mission, start, motion, t, config)
+        if track is not None:
+            clouds.add(problem, track, config)
     with clock.stage("isam2"):
         online = run_online(problem, sonar.scans if sonar else [], scan_keyframe, config, progress)
     with clock.stage("batch"):
         settled = settle(problem, online.backend.graph(), online.backend.values())
+    with clock.stage("cloud loops"):
+        cloud_loops = close_cloud_loops(
+            problem, track, online.backend.graph(), settled, config, progress
+        )
+        settled = cloud_loops.settled
     with clock.stage("refinement"):
         if sonar is not None and config.graph.refinement.max_iterations:
             graph = online.backend.graph(without=SCAN_MATCH)
+            graph.push_back(cloud_loops.factors)
             graph.push_back(settled.factors)
             joint = JointRefinement(sonar.echoes, sonar.turns, problem, config.graph.refinement)
             refined = joint.run(graph, settled.values, progress)
         else:
             graph = online.backend.graph()
+            graph.push_back(cloud_loops.factors)
             graph.push_back(settled.factors)
             refined = refine_without_sonar(graph, settled.values, problem)
     if not (refined.converged and settled.settled):
@@ -105,11 +122,15 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     loops = loop_closures(
         online.matches, t_scans, scan_keyframe, values, config.graph.loops.cauchy_k
     )
+    loops += cloud_loop_closures(
+        cloud_loops.loops, problem, values, config.graph.cloud_loops.cauchy_k
+    )
     with clock.stage("covariance"):
         covariances = _covariances(problem, graph, refined)
     states = [values.atNavState(X(k)) for k in range(len(t))]
     keyframes = keyframe_trajectory(t, states, [covariances[X(k)] for k in range(len(t))])
     trajectory = dense_trajectory(problem, values, keyframes)
+    points, map_warnings = _map(sonar, track, trajectory, config)
     return Solution(
         method="graph",
         trajectory=trajectory,
@@ -124,10 +145,22 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
             *problem.rejections,
             *settled.rejections,
         ),
-        warnings=(*mission.warnings, *problem.warnings, *warnings),
+        warnings=(
+            *mission.warnings,
+            *problem.warnings,
+            *warnings,
+            *cloud_loops.warnings,
+            *map_warnings,
+        ),
         slow_states=slow_states(problem, values, covariances),
-        pose_graph=pose_graph(problem, keyframes, online.matches, scan_keyframe),
-        sonar_map=sonar_map(sonar.echoes, trajectory) if sonar else None,
+        pose_graph=pose_graph(
+            problem,
+            keyframes,
+            online.matches,
+            scan_keyframe,
+            cloud_loop_edges(cloud_loops.loops),
+        ),
+        sonar_map=points,
         landmarks=landmark_estimates(problem, values, covariances, set(settled.factors.keys())),
         gnss_used=len({(r.sensor, r.index) for r in settled.used if r.reason == POSITION_OUTLIER}),
         n_keyframes=len(t),
@@ -174,9 +207,13 @@ def _start_on_map(mission: Mission, config: Config) -> Alignment | None:
     )
 
 
-def _keyframe_times(mission: Mission, t_scans: Array, config: Config) -> Array:
-    """Keyframes at scans and sightings; where the IMU carries all, at fixes and silences too."""
-    anchors = [t_scans, *(sensor.series.t for sensor in mission.of_type("landmarks"))]
+def _keyframe_times(
+    mission: Mission, t_scans: Array, track: CloudTrack | None, config: Config
+) -> Array:
+    """Keyframes at scans, clouds and sightings; where the IMU carries all, at fixes and silences
+    too."""
+    t_clouds = np.array([cloud.t for cloud in track.key] if track else [])
+    anchors = [t_scans, t_clouds, *(sensor.series.t for sensor in mission.of_type("landmarks"))]
     interval_s = config.graph.keyframe_interval_s
     imu = preintegrable(mission, config.graph.imu_min_rate_hz)
     if imu is not None and not measures_velocity(mission):
@@ -200,6 +237,20 @@ def _sonar_data(
         motion.trajectory, motion.position_variance_m2_s, motion.yaw_variance_rad2_s
     )
     return deskewed(echoes, turns, planar)
+
+
+def _map(
+    sonar: SonarData | None, track: CloudTrack | None, trajectory: Trajectory, config: Config
+) -> tuple[SonarMap | None, tuple[str, ...]]:
+    """Map of the sonar's echoes, else of the clouds; and why there is none of these."""
+    if sonar is not None:
+        return sonar_map(sonar.echoes, trajectory), ()
+    if track is None:
+        return None, ()
+    try:
+        return cloud_map(track, trajectory, config.open3d.voxel_m), ()
+    except PackageError as error:
+        return None, (f"no map of the clouds: {error}",)
 
 
 def _covariances(problem: Problem, graph: Any, refined: Refined) -> dict[int, Array]:

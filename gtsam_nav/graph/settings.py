@@ -31,6 +31,27 @@ class LoopSettings(Settings):
     cauchy_k: float = Field(default=1.5, gt=0)
 
 
+class CloudLoopSettings(Settings):
+    """Which earlier 3-D clouds a cloud is registered against, and what may enter the graph.
+
+    Attributes
+    ----------
+    interval_s : float
+        Clouds nearer in time to the last one that was compared are not.
+    radius_m : float
+        Clouds whose estimated distance, less its uncertainty, is smaller are candidates.
+    min_separation_s, max_candidates, gate_probability, cauchy_k
+        As in `LoopSettings`.
+    """
+
+    interval_s: float = Field(default=3.0, ge=0)
+    radius_m: float = Field(default=10.0, gt=0)
+    min_separation_s: float = Field(default=30.0, ge=0)
+    max_candidates: int = Field(default=1, ge=1)
+    gate_probability: float = Field(default=0.999, gt=0, lt=1)
+    cauchy_k: float = Field(default=1.5, gt=0)
+
+
 class RefinementSettings(Settings):
     """Joint registration of all echoes, each at its own beam's time.
 
@@ -95,4 +116,5 @@ class GraphSettings(Settings):
     huber_k: float = Field(default=1.345, gt=0)
     sighting_cauchy_k: float = Field(default=1.0, gt=0)
     loops: LoopSettings = LoopSettings()
+    cloud_loops: CloudLoopSettings = CloudLoopSettings()
     refinement: RefinementSettings = RefinementSettings()

@@ -13,6 +13,7 @@ import logging
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from gtsam_nav.errors import EstimationError
 from gtsam_nav.frames import Array, skew
@@ -31,6 +32,8 @@ log = logging.getLogger(__name__)
 MAX_ITERATIONS, CONVERGED = 20, 1e-3
 """Of the point-to-point registration, which need not settle; the latter in m and rad."""
 LEAST_POINTS = 50
+SUBMAP_REACH = 2
+"""Kept clouds on either side of one that make a submap with it."""
 UNKNOWN_SIGMA = np.array([0.1] * 3 + [1.0] * 3)
 """Of a pose whose points met no plane: rad and m."""
 
@@ -78,15 +81,22 @@ class CloudTrack:
     key: list[KeyCloud]
     rejections: tuple[Rejection, ...]
 
-    def increment(self, j: int) -> RelativePose:
-        """Pose of kept cloud j in the one before it.
+    def increment(self, i: int, j: int) -> RelativePose:
+        """Pose of kept cloud j in kept cloud i.
 
         Both are placed in a map that changes little in between: each has its own error.
         """
-        a, b = self.key[j - 1].pose, self.key[j].pose
+        a, b = self.key[i].pose, self.key[j].pose
         R_ab, p_a = a.R_ab.T @ b.R_ab, a.R_ab.T @ (b.p_a - a.p_a)
         from_a = adjoint(R_ab.T, -R_ab.T @ p_a)
         return RelativePose(R_ab, p_a, from_a @ a.cov @ from_a.T + b.cov)
+
+    def submap(self, j: int) -> Array:
+        """Points of kept cloud j and its neighbours, as the odometry has them, around j; (k, 3)."""
+        here = self.key[j].pose
+        around = self.key[max(j - SUBMAP_REACH, 0) : j + SUBMAP_REACH + 1]
+        placed = [cloud.points_b @ cloud.pose.R_ab.T + cloud.pose.p_a for cloud in around]
+        return np.asarray((np.concatenate(placed) - here.p_a) @ here.R_ab)
 
 
 class KissOdometry:
@@ -110,7 +120,7 @@ class KissOdometry:
         self._floor = np.diag(floor**2)
         self._kiss = kiss_icp(purpose, "kiss_icp").KissICP(config)
 
-    def place(self, points_b: Array, offset_s: Array | None) -> tuple[RelativePose, Array]:
+    def place(self, points_b: Array, offset_s: ArrayLike | None) -> tuple[RelativePose, Array]:
         """Place the next cloud.
 
         Parameters
@@ -140,7 +150,9 @@ class KissOdometry:
             return RelativePose(np.eye(3), np.zeros(3), self._floor), np.array(thinned)
         expected = kiss.last_pose @ kiss.last_delta
         spread = kiss.adaptive_threshold.get_threshold()
-        T_ob = kiss.registration.align_points_to_map(coarse, kiss.local_map, expected, 3 * spread, spread)
+        T_ob = kiss.registration.align_points_to_map(
+            coarse, kiss.local_map, expected, 3 * spread, spread
+        )
         R_ob, p_o, found = Surfaces(local_map).refine(coarse, T_ob[:3, :3], T_ob[:3, 3], voxel_m)
         T_ob = homogeneous(R_ob, p_o)
         kiss.adaptive_threshold.update_model_deviation(np.linalg.inv(expected) @ T_ob)
@@ -169,7 +181,10 @@ def cloud_odometry(
     series = sensor.series
     assert isinstance(series, CloudSeries)
     odometry = KissOdometry(settings)
-    t, poses, key, rejections = [], [], [], []
+    t: list[float] = []
+    poses: list[RelativePose] = []
+    key: list[KeyCloud] = []
+    rejections: list[Rejection] = []
     for k, source in enumerate(series.clouds):
         cloud = load(source)
         if len(cloud) < LEAST_POINTS:

@@ -73,7 +73,7 @@ def register(
     with one_thread():
         for scale in COARSE_TO_FINE:
             voxel_m = scale * settings.voxel_m
-            thin_reference, thin_new = _thinned(reference, voxel_m), _thinned(new, voxel_m)
+            thin_reference, thin_new = thinned(reference, voxel_m), thinned(new, voxel_m)
             T_ab = _solve(thin_new, thin_reference, T_ab, GATE_VOXELS * voxel_m, estimation)
     return judge(
         np.asarray(thin_reference.points), np.asarray(thin_new.points), T_ab, prior, settings
@@ -111,7 +111,7 @@ def homogeneous(R_ab: Array, p_a: Array) -> Array:
     return T_ab
 
 
-def _thinned(points: Array, voxel_m: float) -> Any:
+def thinned(points: Array, voxel_m: float) -> Any:
     """An Open3D cloud with normals, one point a voxel."""
     o3d = open3d("registration of clouds")
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(np.asarray(points, dtype=float)))

@@ -188,4 +188,4 @@ def _whitening(found: Alignment, root_weight: Array) -> tuple[Array, Array, Arra
     root = np.linalg.cholesky(jacobian.T @ jacobian + 1e-9 * np.eye(6))
     half = np.linalg.solve(root, feigned)
     share, axes = np.linalg.eigh(np.linalg.solve(root, half.T))
-    return root, axes, np.clip(1.0 - FEIGNED * share, 0.0, 1.0)
+    return np.asarray(root, float), np.asarray(axes, float), np.clip(1.0 - FEIGNED * share, 0.0, 1.0)

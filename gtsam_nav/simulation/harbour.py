@@ -103,10 +103,10 @@ def harbour(seed: int) -> Scenario:
     return Scenario(world, SETTINGS, duration_s=120.0)
 
 
-def _box(x: float, y: float, length: float, width: float) -> ArrayLike:
+def _box(x: float, y: float, length: float, width: float) -> Array:
     """Outline of a box in plan coordinates, its first corner twice."""
     signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]])
-    return np.array([x, y]) + 0.5 * signs * np.array([length, width])
+    return np.asarray(np.array([x, y]) + 0.5 * signs * np.array([length, width]))
 
 
 def _local(plan: ArrayLike) -> Array:
