@@ -1,10 +1,11 @@
 """KISS-ICP odometry: the motion between clouds, with a covariance, and the clouds deskewed.
 
 Vizzo, Guadagnino, Mersch, Wiesmann, Behley and Stachniss, *KISS-ICP: in defense of point-to-point
-ICP* (RA-L 2023): a sweep is deskewed at constant velocity, to the time of its last point, and
-registered to a local map. Between the rings of few beams point-to-point pairs hold a pose back, so
-it is then moved onto the planes of that map (`registration.surfaces`), which also tell how well it
-is known.
+ICP* (RA-L 2023): a sweep is deskewed at the velocity of the one before, to the time of its last
+point, and registered to a local map. Two things are added. Between the rings of few beams
+point-to-point pairs hold a pose back, so it is then moved onto the planes of that map
+(`registration.surfaces`), which also tell how well it is known. And in waves the velocity of the
+sweep before is the wrong one, so the sweep is deskewed once more with the motion just found.
 """
 
 from __future__ import annotations
@@ -140,27 +141,40 @@ class KissOdometry:
         """
         kiss, voxel_m = self._kiss, self.settings.voxel_m
         offsets = np.empty(0) if offset_s is None else np.asarray(offset_s, dtype=float)
-        deskewed = kiss.preprocessor.preprocess(
-            np.asarray(points_b, dtype=float), offsets, kiss.last_delta
-        )
-        coarse, thinned = kiss.voxelize(deskewed)
+        coarse, thinned = self._deskewed(points_b, offsets, kiss.last_delta)
         local_map = np.asarray(kiss.local_map.point_cloud())
         if len(local_map) < LEAST_POINTS:  # the first cloud defines the frame
             kiss.local_map.update(thinned, kiss.last_pose)
-            return RelativePose(np.eye(3), np.zeros(3), self._floor), np.array(thinned)
+            return RelativePose(np.eye(3), np.zeros(3), self._floor), thinned
         expected = kiss.last_pose @ kiss.last_delta
         spread = kiss.adaptive_threshold.get_threshold()
         T_ob = kiss.registration.align_points_to_map(
             coarse, kiss.local_map, expected, 3 * spread, spread
         )
-        R_ob, p_o, found = Surfaces(local_map).refine(coarse, T_ob[:3, :3], T_ob[:3, 3], voxel_m)
+        planes = Surfaces(local_map)
+        R_ob, p_o, found = planes.refine(coarse, T_ob[:3, :3], T_ob[:3, 3], voxel_m)
+        if len(offsets):
+            moved = np.linalg.inv(kiss.last_pose) @ homogeneous(R_ob, p_o)
+            coarse, thinned = self._deskewed(points_b, offsets, moved)
+            R_ob, p_o, found = planes.refine(coarse, R_ob, p_o, voxel_m)
         T_ob = homogeneous(R_ob, p_o)
         kiss.adaptive_threshold.update_model_deviation(np.linalg.inv(expected) @ T_ob)
         kiss.local_map.update(thinned, T_ob)
         kiss.last_delta, kiss.last_pose = np.linalg.inv(kiss.last_pose) @ T_ob, T_ob
         cov = match_covariance(found, voxel_m)
         cov = np.diag(UNKNOWN_SIGMA**2) if cov is None else cov + self._floor
-        return RelativePose(R_ob, p_o, cov), np.array(thinned)
+        return RelativePose(R_ob, p_o, cov), thinned
+
+    def _deskewed(self, points_b: Array, offset_s: Array, motion: Array) -> tuple[Array, Array]:
+        """Points to register, and those for the map, as if all were taken at the last one's time.
+
+        ``motion``, shape (4, 4), is that since the cloud before.
+        """
+        points = np.asarray(points_b, dtype=float)
+        coarse, thinned = self._kiss.voxelize(
+            self._kiss.preprocessor.preprocess(points, offset_s, motion)
+        )
+        return np.asarray(coarse), np.asarray(thinned)
 
 
 def cloud_odometry(

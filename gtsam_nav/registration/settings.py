@@ -61,5 +61,5 @@ class Open3dSettings(Settings):
     voxel_m: float = Field(default=0.25, gt=0)
     min_points: int = Field(default=100, ge=3)
     min_fitness: float = Field(default=0.5, ge=0, le=1)
-    floor_m: float = Field(default=0.005, ge=0)
-    floor_deg: float = Field(default=0.03, ge=0)
+    floor_m: float = Field(default=0.02, ge=0)
+    floor_deg: float = Field(default=0.1, ge=0)

@@ -30,7 +30,7 @@ FEIGNED = 2.0
 LEAST_RESIDUALS = 20
 CAUCHY_K = 2.385
 """Of the refinement, in spreads of the residuals: 95 % as efficient as least squares."""
-MAX_STEPS, SETTLED = 8, 2e-4
+MAX_STEPS, SETTLED = 6, 5e-4
 """Of the refinement: rad and m."""
 VAGUE_RAD, VAGUE_M = 1.0, 10.0
 """Spread of what a match says nothing about."""
@@ -188,4 +188,8 @@ def _whitening(found: Alignment, root_weight: Array) -> tuple[Array, Array, Arra
     root = np.linalg.cholesky(jacobian.T @ jacobian + 1e-9 * np.eye(6))
     half = np.linalg.solve(root, feigned)
     share, axes = np.linalg.eigh(np.linalg.solve(root, half.T))
-    return np.asarray(root, float), np.asarray(axes, float), np.clip(1.0 - FEIGNED * share, 0.0, 1.0)
+    return (
+        np.asarray(root, float),
+        np.asarray(axes, float),
+        np.clip(1.0 - FEIGNED * share, 0.0, 1.0),
+    )
