@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from gtsam_nav.config import Config
-from gtsam_nav.errors import PackageError
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.cloud_loops import close_cloud_loops, cloud_loop_closures, cloud_loop_edges
 from gtsam_nav.graph.dense import dense_trajectory
@@ -31,7 +30,7 @@ from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.refinement import JointRefinement, Refined, refine_without_sonar
 from gtsam_nav.graph.settling import settle
 from gtsam_nav.mission import Mission
-from gtsam_nav.odometry.cloud_map import cloud_map
+from gtsam_nav.odometry.cloud_map import map_or_reason
 from gtsam_nav.odometry.kiss import CloudTrack, cloud_odometry
 from gtsam_nav.preprocess.alignment import Alignment, align
 from gtsam_nav.preprocess.inertial_motion import inertial_motion
@@ -247,10 +246,7 @@ def _map(
         return sonar_map(sonar.echoes, trajectory), ()
     if track is None:
         return None, ()
-    try:
-        return cloud_map(track, trajectory, config.open3d.voxel_m), ()
-    except PackageError as error:
-        return None, (f"no map of the clouds: {error}",)
+    return map_or_reason(track, trajectory, config.open3d.voxel_m)
 
 
 def _covariances(problem: Problem, graph: Any, refined: Refined) -> dict[int, Array]:

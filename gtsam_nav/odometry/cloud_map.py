@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from gtsam_nav.errors import PackageError
 from gtsam_nav.odometry.kiss import CloudTrack
 from gtsam_nav.registration.packages import one_thread, open3d
 from gtsam_nav.solution import SonarMap
@@ -49,3 +50,13 @@ def cloud_map(track: CloudTrack, trajectory: Trajectory, voxel_m: float) -> Sona
     # the voxels come in no order of their own
     order = np.lexsort([*points_n.T, taken])
     return SonarMap(points_n[order], taken[order], np.full(len(order), STRENGTH))
+
+
+def map_or_reason(
+    track: CloudTrack, trajectory: Trajectory, voxel_m: float
+) -> tuple[SonarMap | None, tuple[str, ...]]:
+    """`cloud_map`, or why there is none: a map is no reason to lose a trajectory."""
+    try:
+        return cloud_map(track, trajectory, voxel_m), ()
+    except PackageError as error:
+        return None, (f"no map of the clouds: {error}",)
