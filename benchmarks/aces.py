@@ -32,6 +32,16 @@ SIGMA_RANGE_M, SIGMA_BEARING_DEG = 0.03, 0.5
 """Of the laser: its ranges come in steps of 0.05 m, its beams are 1 deg apart."""
 ODOMETRY_SPREAD = np.array([0.1, 0.1, np.radians(2.0)])
 """How far a registration looks around the odometry's displacement over a relation."""
+LASER = (
+    "sonar.scans.min_interval_s=0.5",
+    "pic.wall_radius_m=1.0",
+    "pic.min_overlap=0.6",
+    "pic.floor_xy_m=0.02",
+    "pic.floor_yaw_deg=0.2",
+    "graph.refinement.max_iterations=0",
+    "graph.loops.radius_m=8.0",
+)
+"""What differs for a laser in corridors: defaults are those of a scanning sonar in a harbour."""
 SIGMA_V_M_S, SIGMA_YAW_RATE_RAD_S = 0.2, 0.15
 """Of the odometry, as the log itself tells: the spread of its tenth worst step against pIC."""
 
@@ -189,10 +199,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.aces", description=__doc__)
     parser.add_argument("folder", type=Path, help="holds aces.clf.bz2 and aces.relations")
     parser.add_argument("--slam", action="store_true", help="estimate the whole log too")
-    parser.add_argument("-c", "--config", type=Path, help="settings")
+    parser.add_argument("-c", "--config", type=Path, help="settings, instead of those for a laser")
     parser.add_argument("--json", type=Path, help="write the figures here")
     arguments = parser.parse_args()
-    config = gn.load_config(arguments.config)
+    config = gn.load_config(arguments.config, () if arguments.config else LASER)
     log = read_log(arguments.folder / "aces.clf.bz2")
     relations = read_relations(arguments.folder / "aces.relations", log.t)
     near = relations.select(relations.elapsed_s < CONSECUTIVE_S)

@@ -29,6 +29,7 @@ _METHODS = {
     "pose-ekf": "#129490",
     "scan-match": "#8c7a1f",
     "landmark-ekf": "#c2478b",
+    "kiss": "#5a7d2a",
 }
 
 _FOREMOST = ("graph", "pose-ekf", "landmark-ekf", "ins-ekf")
