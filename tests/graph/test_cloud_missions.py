@@ -42,7 +42,8 @@ def errors_m(solution: Solution, mission: Mission) -> np.ndarray:
 @pytest.mark.usefixtures("open3d_here")
 def test_a_lap_is_closed_and_mapped(tmp_path: Path) -> None:
     mission = lap(56.0)
-    solution = gn.estimate(mission, "graph", load_config(None, ["gnss.use=none"]))
+    config = load_config(None, ["gnss.use=none"])
+    solution = gn.estimate(mission, "graph", config)
     accepted = [loop for loop in solution.loops if loop.verdict == "accepted"]
     assert len(accepted) >= 2
     assert all(loop.t_b - loop.t_a >= 30.0 for loop in accepted)
@@ -51,7 +52,7 @@ def test_a_lap_is_closed_and_mapped(tmp_path: Path) -> None:
     heights = -solution.sonar_map.points_n[:, 2]
     assert len(heights) > 5000
     assert -1.0 < np.percentile(heights, 1) < np.percentile(heights, 99) < 10.5
-    gn.write_run(solution, tmp_path / "graph")
+    gn.write_run(solution, config, tmp_path)
     rows = (tmp_path / "graph" / "loops.csv").read_text(encoding="utf-8").splitlines()
     assert len(rows) == 1 + len(solution.loops)
     assert (tmp_path / "graph" / "map.ply").is_file()
