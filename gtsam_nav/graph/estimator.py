@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from gtsam_nav.config import Config
+from gtsam_nav.errors import EstimationError, PackageError
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.cloud_loops import close_cloud_loops, cloud_loop_closures, cloud_loop_edges
 from gtsam_nav.graph.dense import dense_trajectory
@@ -86,7 +87,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     with clock.stage("sonar"):
         sonar = _sonar_data(mission, echoes, motion, config)
     with clock.stage("cloud odometry"):
-        track = cloud_odometry(mission, config.kiss, progress)
+        track, cloud_warnings = _cloud_track(mission, config, progress)
     t_scans = sonar.turns.t_ref if sonar else np.empty(0)
     t = _keyframe_times(mission, t_scans, track, config)
     scan_keyframe = np.searchsorted(t, t_scans)
@@ -148,6 +149,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
             *mission.warnings,
             *problem.warnings,
             *warnings,
+            *cloud_warnings,
             *cloud_loops.warnings,
             *map_warnings,
         ),
@@ -236,6 +238,16 @@ def _sonar_data(
         motion.trajectory, motion.position_variance_m2_s, motion.yaw_variance_rad2_s
     )
     return deskewed(echoes, turns, planar)
+
+
+def _cloud_track(
+    mission: Mission, config: Config, progress: Progress
+) -> tuple[CloudTrack | None, tuple[str, ...]]:
+    """Odometry of the clouds, or why they are not used: the other sensors carry the estimate."""
+    try:
+        return cloud_odometry(mission, config.kiss, progress), ()
+    except (EstimationError, PackageError) as error:
+        return None, (f"the clouds are not used: {error}",)
 
 
 def _map(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import gtsam_nav as gn
 from gtsam_nav.config import load_config
 from gtsam_nav.mission import Mission
 from gtsam_nav.registration import packages
-from gtsam_nav.series import ReferenceSeries
+from gtsam_nav.series import Cloud, CloudSeries, ReferenceSeries
 from gtsam_nav.simulation import SimulationSettings, make_scenario, simulate
 from gtsam_nav.simulation.lidar import LidarSimulation
 from gtsam_nav.solution import Solution
@@ -73,6 +74,23 @@ def test_without_open3d_the_trajectory_stays(monkeypatch: pytest.MonkeyPatch) ->
     assert solution.sonar_map is None
     assert [w for w in solution.warnings if "no loops" in w and "libGL.so.1" in w]
     assert [w for w in solution.warnings if "no map" in w and "libGL.so.1" in w]
+
+
+@pytest.mark.parametrize("broken", ["package", "points"])
+def test_unusable_clouds_leave_the_rest(broken: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    mission = lap(6.0)
+    if broken == "package":
+        monkeypatch.setattr(packages, "_attempt", lambda _: (None, "no module"))
+    else:
+        lidar = mission.sensors["lidar"]
+        assert isinstance(lidar.series, CloudSeries)
+        empty = (Cloud(np.zeros((0, 3))),) * len(lidar.series)
+        mission = mission.with_sensor(replace(lidar, series=replace(lidar.series, clouds=empty)))
+    solution = gn.estimate(mission, "graph")
+    assert len(solution.trajectory) > 50
+    said = [w for w in solution.warnings if "the clouds are not used" in w]
+    assert len(said) == 1
+    assert {"package": "kiss_icp", "points": "fewer than two clouds"}[broken] in said[0]
 
 
 @pytest.mark.slow

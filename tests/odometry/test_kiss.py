@@ -156,7 +156,7 @@ def test_increments_are_as_uncertain_as_they_say() -> None:
     """Over simulated runs the mean normalised squared error is near one a degree of freedom."""
     means = []
     for seed in (11, 12):
-        outing = harbour(40.0, seed)
+        outing = harbour(25.0, seed)
         track = cloud_odometry(outing, KissSettings(), no_progress)
         assert track is not None
         means.append(nees_of(track, outing).mean() / 6)
