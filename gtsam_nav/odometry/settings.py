@@ -30,5 +30,5 @@ class KissSettings(Settings):
     min_range_m: float = Field(default=1.0, ge=0)
     max_range_m: float = Field(default=80.0, gt=0)
     keyframe_interval_s: float = Field(default=1.0, gt=0)
-    floor_m: float = Field(default=0.007, ge=0)
-    floor_deg: float = Field(default=0.035, ge=0)
+    floor_m: float = Field(default=0.006, ge=0)
+    floor_deg: float = Field(default=0.03, ge=0)
