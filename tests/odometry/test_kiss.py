@@ -155,8 +155,8 @@ def test_the_adjoint_carries_small_motions_over() -> None:
 def test_increments_are_as_uncertain_as_they_say() -> None:
     """Over simulated runs the mean normalised squared error is near one a degree of freedom."""
     means = []
-    # two parts of the round: how well the surroundings fix a pose differs by the place
-    for outing in (harbour(20.0, seed=11), harbour(50.0, seed=12).crop(30.0, 50.0)):
+    # how well the surroundings fix a pose differs by the place: one run goes further
+    for outing in (harbour(20.0, seed=11), harbour(34.0, seed=12)):
         track = cloud_odometry(outing, KissSettings(), no_progress)
         assert track is not None
         means.append(nees_of(track, outing).mean() / 6)
