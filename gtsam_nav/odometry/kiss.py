@@ -6,6 +6,7 @@ point, and registered to a local map. Two things are added. Between the rings of
 point-to-point pairs hold a pose back, so it is then moved onto the planes of that map
 (`registration.surfaces`), which also tell how well it is known. And in waves the velocity of the
 sweep before is the wrong one, so the sweep is deskewed once more with the motion just found.
+The first sweep knows of no motion at all: a track that begins under way begins badly.
 """
 
 from __future__ import annotations
