@@ -360,7 +360,9 @@ def numbers(option: str, text: str, count: int) -> list[float]:
 
 @app.command()
 def simulate(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="marina, laps, ranger or submarine.")],
+    name: Annotated[
+        str, typer.Argument(metavar="NAME", help="marina, laps, ranger, submarine or harbour.")
+    ],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Mission folder to write.")],
     seed: Annotated[int, typer.Option(metavar="N", help="Same seed, same mission.")] = 0,
     duration: Annotated[

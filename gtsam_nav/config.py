@@ -19,9 +19,10 @@ from gtsam_nav.ekf.settings import (
 from gtsam_nav.errors import ConfigError
 from gtsam_nav.evaluation.settings import EvaluationSettings
 from gtsam_nav.graph.settings import GraphSettings
+from gtsam_nav.odometry.settings import KissSettings
 from gtsam_nav.preprocess.gnss_policy import GnssSettings
 from gtsam_nav.preprocess.settings import MotionSettings
-from gtsam_nav.registration.settings import PicSettings
+from gtsam_nav.registration.settings import Open3dSettings, PicSettings
 from gtsam_nav.sensors.settings import LandmarkSettings
 from gtsam_nav.settings import Settings
 from gtsam_nav.sonar.settings import SonarSettings
@@ -40,6 +41,8 @@ class Config(Settings):
     pose_ekf: PoseEkfSettings = PoseEkfSettings()
     sonar: SonarSettings = SonarSettings()
     pic: PicSettings = PicSettings()
+    open3d: Open3dSettings = Open3dSettings()
+    kiss: KissSettings = KissSettings()
     graph: GraphSettings = GraphSettings()
     evaluation: EvaluationSettings = EvaluationSettings()
 

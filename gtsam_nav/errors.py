@@ -5,6 +5,7 @@
     GtsamNavError
     ├── ConfigError       wrong option, unknown key, value out of range   exit code 2
     ├── OutputError       a result cannot be written                      exit code 2
+    ├── PackageError      an optional package does not import here        exit code 2
     ├── DataError         a mission is missing, damaged or unusable       exit code 3
     └── EstimationError   the data are fine, the estimator failed         exit code 4
 
@@ -31,6 +32,12 @@ class ConfigError(GtsamNavError):
 
 class OutputError(GtsamNavError):
     """A result cannot be written where it was asked for."""
+
+    exit_code = 2
+
+
+class PackageError(GtsamNavError):
+    """What was asked for needs a package that is not installed, or does not import here."""
 
     exit_code = 2
 

@@ -44,6 +44,10 @@ def _has_sonar(mission: Mission) -> bool:
     return mission.sonar_kind is not None
 
 
+def _has_clouds(mission: Mission) -> bool:
+    return mission.first("clouds") is not None
+
+
 @dataclass(frozen=True)
 class _Method:
     """Where a method's ``estimate`` is, and what a mission must have for it."""
@@ -58,6 +62,7 @@ _METHODS = {
     "landmark-ekf": _Method("gtsam_nav.ekf.landmark_slam", (_has_landmarks, _has_motion)),
     "scan-match": _Method("gtsam_nav.ekf.scan_match", (_has_sonar, _has_velocity)),
     "pose-ekf": _Method("gtsam_nav.ekf.pose_slam", (_has_sonar, _has_velocity)),
+    "kiss": _Method("gtsam_nav.odometry.dead_reckoning", (_has_clouds,)),
     "graph": _Method("gtsam_nav.graph.estimator", (_has_motion,)),
 }
 

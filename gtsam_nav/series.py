@@ -258,23 +258,60 @@ class ScanSeries(Series):
         )
 
 
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """One sweep of a ranging sensor.
+
+    Attributes
+    ----------
+    points_s : ndarray, shape (k, 3)
+        Points in the sensor's axes at their own times, m; float32 or float64.
+    offset_s : ndarray, shape (k,), optional
+        When each was taken, after the sweep's stamp (before it where negative), s. Without it all
+        count as taken at the stamp: nothing takes the motion out of the sweep.
+
+    Raises
+    ------
+    ValueError
+        Where a shape is wrong or a value is not finite: who makes a cloud drops such points.
+    """
+
+    points_s: NDArray[np.floating[Any]]
+    offset_s: NDArray[np.floating[Any]] | None = None
+
+    def __post_init__(self) -> None:
+        if self.points_s.ndim != 2 or self.points_s.shape[1] != 3:
+            raise ValueError(f"Cloud.points_s has shape {self.points_s.shape}; (k, 3) is needed")
+        if self.offset_s is not None and self.offset_s.shape != self.points_s.shape[:1]:
+            raise ValueError("Cloud.offset_s must hold one time a point")
+        for values in (self.points_s, self.offset_s):
+            if values is not None and not np.all(np.isfinite(values)):
+                raise ValueError("Cloud holds NaN or infinity")
+
+    def __len__(self) -> int:
+        return len(self.points_s)
+
+
 @dataclass(frozen=True, kw_only=True)
 class CloudSeries(Series):
-    """Files of 3-D point clouds (.npy or .ply), one a stamp."""
+    """3-D point clouds, one a stamp: in memory, or the file (.npy, .ply, .pcd) that holds it.
+
+    ``readers.clouds.load`` gives the `Cloud` of either; a mission of hours does not fit in memory.
+    """
 
     TYPE: ClassVar[str] = "clouds"
-    files: tuple[Path, ...] = field(kw_only=True)
+    clouds: tuple[Path | Cloud, ...] = field(kw_only=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if len(self.files) != len(self.t):
-            raise ValueError(f"CloudSeries has {len(self.t)} stamps and {len(self.files)} files")
+        if len(self.clouds) != len(self.t):
+            raise ValueError(f"CloudSeries has {len(self.t)} stamps and {len(self.clouds)} clouds")
 
     def select(self, which: BoolArray | IntArray | slice) -> Self:
         """The clouds that a mask, an index array in time order, or a slice picks."""
         kept = np.arange(len(self.t))[which]
-        files = tuple(self.files[k] for k in kept)
-        return replace(self, t=self.t[kept], row=self.row[kept], files=files)
+        clouds = tuple(self.clouds[k] for k in kept)
+        return replace(self, t=self.t[kept], row=self.row[kept], clouds=clouds)
 
 
 @dataclass(frozen=True, kw_only=True)

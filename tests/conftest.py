@@ -35,3 +35,15 @@ def stpere_folder(recorded_data: Path) -> Path:
     if not folder.is_dir():
         pytest.skip("the St. Pere logs are not among the recorded missions")
     return folder
+
+
+@pytest.fixture(scope="session")
+def open3d_here() -> None:
+    """Skips where Open3D does not import: it links libraries that not every system has."""
+    from gtsam_nav.errors import PackageError
+    from gtsam_nav.registration.packages import open3d
+
+    try:
+        open3d("this test")
+    except PackageError as error:
+        pytest.skip(str(error))

@@ -83,7 +83,7 @@ def every_series(cloud_folder: Path, seed: int = 0, n: int = 12) -> dict[str, Se
         "scans": ScanSeries(
             t=np.arange(3.0), first=np.array([0, 4, 4, 9]), points_b=rng.normal(size=(9, 2))
         ),
-        "clouds": CloudSeries(t=np.arange(3.0), files=tuple(clouds)),
+        "clouds": CloudSeries(t=np.arange(3.0), clouds=tuple(clouds)),
         "reference": ReferenceSeries(
             t=t(),
             p_n=100 * vectors(3),

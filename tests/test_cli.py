@@ -379,7 +379,7 @@ def test_wrong_usage_ends_in_2(gtsam_nav: CommandLine, arguments: list[str]) -> 
 def test_unknown_method_is_refused_before_the_mission_is_opened(gtsam_nav: CommandLine) -> None:
     refused = gtsam_nav("run", "absent", "--method", "magic")
     assert refused.code == 2
-    assert "dr, ins-ekf, landmark-ekf, scan-match, pose-ekf, graph" in refused.err
+    assert "dr, ins-ekf, landmark-ekf, scan-match, pose-ekf, kiss, graph" in refused.err
     assert one_line(refused)
 
 

@@ -181,9 +181,9 @@ def test_scans_own_their_points(first: list[int], points_b: Any, complaint: str)
         ScanSeries(t=[0.0, 1.0], first=np.array(first), points_b=points_b)
 
 
-def test_every_cloud_has_a_file() -> None:
-    with pytest.raises(ValueError, match="2 stamps and 1 files"):
-        CloudSeries(t=[0.0, 1.0], files=(Path("a.npy"),))
+def test_every_stamp_has_a_cloud() -> None:
+    with pytest.raises(ValueError, match="2 stamps and 1 clouds"):
+        CloudSeries(t=[0.0, 1.0], clouds=(Path("a.npy"),))
 
 
 @pytest.mark.parametrize("kind", TYPES)
@@ -209,10 +209,10 @@ def test_selected_scans_keep_their_points(series: dict[str, Series]) -> None:
     assert len(scans.select(slice(0, 0)).points_b) == 0
 
 
-def test_selected_clouds_keep_their_files(series: dict[str, Series]) -> None:
+def test_selected_stamps_keep_their_clouds(series: dict[str, Series]) -> None:
     clouds = series["clouds"]
     assert isinstance(clouds, CloudSeries)
-    assert clouds.crop(1.0, 9.0).files == clouds.files[1:]
+    assert clouds.crop(1.0, 9.0).clouds == clouds.clouds[1:]
 
 
 @given(st.floats(-2, 12), st.floats(-2, 12))

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from gtsam_nav.config import Config
+from gtsam_nav.errors import EstimationError, PackageError
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.backend import graph_of
 from gtsam_nav.graph.clocks import Clocks, find_clocks
+from gtsam_nav.graph.cloud_loops import close_cloud_loops, cloud_loop_closures, cloud_loop_edges
 from gtsam_nav.graph.dense import dense_trajectory
 from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.false_loops import loop_faults
 from gtsam_nav.graph.indeterminacy import check_anchored, states_named
 from gtsam_nav.graph.keyframes import keyframe_times, merged_anchors
 from gtsam_nav.graph.loop_judging import judged
-from gtsam_nav.graph.measurements import build_problem
+from gtsam_nav.graph.measurements import build_problem, clouds
 from gtsam_nav.graph.measurements.constraints import rolls
 from gtsam_nav.graph.measurements.gnss import POSITION_OUTLIER
 from gtsam_nav.graph.measurements.imu import preintegrable, silences
@@ -40,6 +42,8 @@ from gtsam_nav.graph.scan_matching import ScanMatch
 from gtsam_nav.graph.settling import Settled, settle
 from gtsam_nav.graph.weights import contradictions, robust_weights
 from gtsam_nav.mission import Mission
+from gtsam_nav.odometry.cloud_map import map_or_reason
+from gtsam_nav.odometry.kiss import CloudTrack, cloud_odometry
 from gtsam_nav.preprocess.alignment import Alignment, align
 from gtsam_nav.preprocess.compass_steps import without_compass_steps
 from gtsam_nav.preprocess.identified import identified
@@ -54,7 +58,7 @@ from gtsam_nav.preprocess.motion import (
 )
 from gtsam_nav.preprocess.planar_motion import planar_motion
 from gtsam_nav.series import ImuSeries
-from gtsam_nav.solution import Progress, Solution, StageClock
+from gtsam_nav.solution import Progress, Solution, SonarMap, StageClock
 from gtsam_nav.sonar.echoes import Echoes
 from gtsam_nav.sonar.motion import PlanarMotion
 from gtsam_nav.sonar.preparation import (
@@ -65,6 +69,7 @@ from gtsam_nav.sonar.preparation import (
     sonar_map,
     sonar_turns,
 )
+from gtsam_nav.trajectory import Trajectory
 
 MAP_START_SIGMAS = 10.0
 LEAST_BELIEVED = 0.2
@@ -79,7 +84,8 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     Parameters
     ----------
     mission : Mission
-        With a DVL or odometry; IMU, heading, attitude, depth, GNSS and sonar where present.
+        With a DVL, odometry or IMU; heading, attitude, depth, GNSS, sonar and 3-D clouds where
+        present.
     config : Config
     progress : Progress
 
@@ -92,24 +98,20 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     """
     clock, robust = StageClock(), config.graph.robust
     check_sigmas(mission, robust)
-    if config.landmarks.association != "ids":
-        with clock.stage("association"):
-            mission, config = _identified(mission, config)
-    with clock.stage("motion"):
-        mission, compass_warnings = without_compass_steps(mission)
-        start, motion = _start_and_motion(mission, config)
-    with clock.stage("clocks"):
-        mission, clocks = _clocks_put_right(mission, start, motion, config, progress)
-        if clocks.errors:
-            start, motion = _start_and_motion(mission, config)
-    mission, echoes, rejections, warnings = leave_out_defective_sonar(mission, config.sonar)
+    ready = _made_ready(mission, config, clock, progress)
+    config, start, motion, clocks = ready.config, ready.start, ready.motion, ready.clocks
+    mission, echoes, rejections, warnings = leave_out_defective_sonar(ready.mission, config.sonar)
     with clock.stage("sonar"):
         sonar = _sonar_data(mission, echoes, motion, config)
+    with clock.stage("cloud odometry"):
+        track, cloud_warnings = _cloud_track(mission, config, progress)
     t_scans = sonar.turns.t_ref if sonar else np.empty(0)
-    t = _keyframe_times(mission, t_scans, config)
+    t = _keyframe_times(mission, t_scans, track, config)
     scan_keyframe = np.searchsorted(t, t_scans)
     with clock.stage("factors"):
         problem = build_problem(mission, start, motion, t, config)
+        if track is not None:
+            clouds.add(problem, track, config)
         check_anchored(problem)
     loops = config.graph.loops
     faults = loop_faults(mission.faults, config.seed, problem, scan_keyframe, loops)
@@ -123,9 +125,15 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     match_factors = [match_factor(m, scan_keyframe, robust.loops) for m in joined]
     with clock.stage("batch"), states_named(problem):
         settled = settle(problem, [*problem.entries, *match_factors], values)
-        clocks.describe(problem, settled.used_factors, settled.values)
+    with clock.stage("cloud loops"), states_named(problem):
+        others = [*problem.entries, *match_factors]
+        cloud_loops = close_cloud_loops(problem, track, others, settled, config, progress)
+        settled = cloud_loops.settled
     with clock.stage("refinement"), states_named(problem):
-        graph, refined = _refined(problem, settled, match_factors, sonar, config, progress)
+        clocks.describe(problem, settled.used_factors, settled.values)
+        graph, refined = _refined(
+            problem, settled, match_factors, cloud_loops.entries, sonar, config, progress
+        )
     values = refined.values
     timed = [(float(t_scans[m.b]), f) for m, f in zip(joined, match_factors, strict=True)]
     weights = robust_weights(problem, timed, settled.used, values)
@@ -136,15 +144,17 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     states = [values.atNavState(X(k)) for k in range(len(t))]
     keyframes = keyframe_trajectory(t, states, [covariances[X(k)] for k in range(len(t))])
     trajectory = dense_trajectory(problem, values, keyframes)
-    fixes, believed = _fixes(problem, settled)
+    points, map_warnings = _map(sonar, track, trajectory, config)
     return Solution(
         method="graph",
         trajectory=trajectory,
         mission=mission,
-        georeferenced=start.georeferenced
-        and (_enough(believed, fixes) or mission.initial.p_n is not None),
+        georeferenced=_is_georeferenced(problem, settled, mission),
         online=keyframe_trajectory(t, online.states, online.covariances),
-        loops=loop_closures(matches, t_scans, scan_keyframe, values, robust.loops),
+        loops=(
+            *loop_closures(matches, t_scans, scan_keyframe, values, robust.loops),
+            *cloud_loop_closures(cloud_loops.loops, problem, values, robust.loops),
+        ),
         rejections=(
             *mission.rejections,
             *motion.rejections,
@@ -157,38 +167,64 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         warnings=(
             *mission.warnings,
             *problem.warnings,
-            *compass_warnings,
+            *ready.warnings,
             *warnings,
+            *cloud_warnings,
+            *cloud_loops.warnings,
+            *map_warnings,
             *(offset.warning for offset in clock_offsets if not offset.observed),
-            *_doubts(settled, refined, fixes, believed),
+            *_doubts(problem, settled, refined),
             *_missing_loops(bool(faults), matches),
             *contradictions(weights),
         ),
         slow_states=slow_states(problem, values, covariances, constants),
         clock_offsets=clock_offsets,
-        pose_graph=pose_graph(problem, keyframes, matches, scan_keyframe),
-        sonar_map=sonar_map(sonar.echoes, trajectory) if sonar else None,
+        pose_graph=pose_graph(
+            problem, keyframes, matches, scan_keyframe, cloud_loop_edges(cloud_loops.loops)
+        ),
+        sonar_map=points,
         scans=registered_scans(mission, sonar) if sonar else None,
         landmarks=landmark_estimates(problem, values, covariances, set(settled.factors.keys())),
-        gnss_used=believed,
+        gnss_used=_fixes(problem, settled)[1],
         n_keyframes=len(t),
         stage_s=clock.seconds,
     )
 
 
-def _clocks_put_right(
-    mission: Mission, start: Alignment, motion: VehicleMotion, config: Config, progress: Progress
-) -> tuple[Mission, Clocks]:
-    """The mission with the timing errors that it asks to find taken off, and these."""
-    t = _keyframe_times(mission, np.empty(0), config)
-    clocks = find_clocks(mission, start, motion, t, config, progress)
-    return clocks.corrected(mission), clocks
+@dataclass(frozen=True)
+class _Ready:
+    """A mission whose ids, compass and clocks are put right, and its first guess."""
+
+    mission: Mission
+    config: Config
+    start: Alignment
+    motion: VehicleMotion
+    clocks: Clocks
+    warnings: tuple[str, ...]
+
+
+def _made_ready(mission: Mission, config: Config, clock: StageClock, progress: Progress) -> _Ready:
+    """Tell landmarks apart, take compass steps and timing errors off, guess the motion."""
+    if config.landmarks.association != "ids":
+        with clock.stage("association"):
+            mission, config = _identified(mission, config)
+    with clock.stage("motion"):
+        mission, warnings = without_compass_steps(mission)
+        start, motion = _start_and_motion(mission, config)
+    with clock.stage("clocks"):
+        t = _keyframe_times(mission, np.empty(0), None, config)
+        clocks = find_clocks(mission, start, motion, t, config, progress)
+        mission = clocks.corrected(mission)
+        if clocks.errors:
+            start, motion = _start_and_motion(mission, config)
+    return _Ready(mission, config, start, motion, clocks, warnings)
 
 
 def _refined(
     problem: Problem,
     settled: Settled,
     match_factors: list[SensorFactor],
+    cloud_loops: list[SensorFactor],
     sonar: SonarData | None,
     config: Config,
     progress: Progress,
@@ -197,14 +233,16 @@ def _refined(
     graph = graph_of(problem.entries)
     graph.push_back(settled.factors)
     if sonar is not None and config.graph.refinement.max_iterations:
+        graph.push_back(graph_of(cloud_loops))
         joint = JointRefinement(sonar.echoes, sonar.turns, problem, config.graph.refinement)
         return graph, joint.run(graph, settled.values, progress)
-    graph.push_back(graph_of(match_factors))
+    graph.push_back(graph_of([*match_factors, *cloud_loops]))
     return graph, refine_without_sonar(graph, settled.values, problem)
 
 
-def _doubts(settled: Settled, refined: Refined, fixes: int, believed: int) -> Iterator[str]:
+def _doubts(problem: Problem, settled: Settled, refined: Refined) -> Iterator[str]:
     """What speaks against the solution."""
+    fixes, believed = _fixes(problem, settled)
     if not _enough(believed, fixes):
         yield f"gnss: only {believed} of {fixes} fixes agree with each other"
     if not (refined.converged and settled.settled):
@@ -224,6 +262,13 @@ def _fixes(problem: Problem, settled: Settled) -> tuple[int, int]:
         for some in (readings, settled.used)
     )
     return every, used
+
+
+def _is_georeferenced(problem: Problem, settled: Settled, mission: Mission) -> bool:
+    """Whether the start is known in the world, and the fixes that told it were believed."""
+    fixes, believed = _fixes(problem, settled)
+    told = _enough(believed, fixes) or mission.initial.p_n is not None
+    return problem.alignment.georeferenced and told
 
 
 def _enough(believed: int, fixes: int) -> bool:
@@ -277,9 +322,13 @@ def _start_on_map(mission: Mission, config: Config) -> Alignment | None:
     )
 
 
-def _keyframe_times(mission: Mission, t_scans: Array, config: Config) -> Array:
-    """Keyframes at scans and sightings; where the IMU carries all, at fixes and silences too."""
-    anchors = [t_scans, *(sensor.series.t for sensor in mission.of_type("landmarks"))]
+def _keyframe_times(
+    mission: Mission, t_scans: Array, track: CloudTrack | None, config: Config
+) -> Array:
+    """Keyframes at scans, clouds and sightings; where the IMU carries all, at fixes and silences
+    too."""
+    t_clouds = np.array([cloud.t for cloud in track.key] if track else [])
+    anchors = [t_scans, t_clouds, *(sensor.series.t for sensor in mission.of_type("landmarks"))]
     interval_s = config.graph.keyframe_interval_s
     imu = preintegrable(mission, config.graph.imu_min_rate_hz)
     if imu is not None and not measures_velocity(mission):
@@ -303,6 +352,27 @@ def _sonar_data(
         motion.trajectory, motion.position_variance_m2_s, motion.yaw_variance_rad2_s
     )
     return deskewed(echoes, turns, planar)
+
+
+def _cloud_track(
+    mission: Mission, config: Config, progress: Progress
+) -> tuple[CloudTrack | None, tuple[str, ...]]:
+    """Odometry of the clouds, or why they are not used: the other sensors carry the estimate."""
+    try:
+        return cloud_odometry(mission, config.kiss, progress), ()
+    except (EstimationError, PackageError) as error:
+        return None, (f"the clouds are not used: {error}",)
+
+
+def _map(
+    sonar: SonarData | None, track: CloudTrack | None, trajectory: Trajectory, config: Config
+) -> tuple[SonarMap | None, tuple[str, ...]]:
+    """Map of the sonar's echoes, else of the clouds; and why there is none of these."""
+    if sonar is not None:
+        return sonar_map(sonar.echoes, trajectory), ()
+    if track is None:
+        return None, ()
+    return map_or_reason(track, trajectory, config.open3d.voxel_m)
 
 
 def _covariances(problem: Problem, graph: Any, refined: Refined) -> dict[int, Array]:

@@ -17,6 +17,7 @@ from gtsam_nav.frames import Array, Origin, earth_rate_n, rotation_from_rpy, ske
 from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.mission import Sensor
 from gtsam_nav.preprocess.strapdown import gravity_at
+from gtsam_nav.registration.result import RelativePose
 from gtsam_nav.sensors.noise import ImuNoise
 
 PIN_PRECISION = 1e8
@@ -346,6 +347,15 @@ def planar_match(a: int, b: int, q: Array, cov: Array) -> Any:
     root[:, [3, 4, 2]] = np.linalg.cholesky(information).T
     measured = nav_state(R_ab, np.array([q[0], q[1], 0.0]), np.zeros(3))
     noise = gtsam.noiseModel.Gaussian.SqrtInformation(np.vstack([root, np.zeros((6, 9))]), False)
+    return gtsam.BetweenFactorNavState(a, b, measured, noise)
+
+
+def relative_pose(a: int, b: int, pose: RelativePose) -> Any:
+    """Pose of b in a: ``Log(R_ab' R_a' R_b)`` and ``R_ab' (R_a' (p_b - p_a) - p_ab)``."""
+    root = np.zeros((9, 9))
+    root[:6, :6] = np.linalg.cholesky(np.linalg.inv(pose.cov)).T
+    noise = gtsam.noiseModel.Gaussian.SqrtInformation(root, False)
+    measured = nav_state(pose.R_ab, pose.p_a, np.zeros(3))
     return gtsam.BetweenFactorNavState(a, b, measured, noise)
 
 

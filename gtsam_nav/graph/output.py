@@ -189,9 +189,13 @@ def _weight(m: ScanMatch, scan_keyframe: IntArray, values: Any, robustness: Robu
 
 
 def pose_graph(
-    problem: Problem, keyframes: Trajectory, matches: list[ScanMatch], scan_keyframe: IntArray
+    problem: Problem,
+    keyframes: Trajectory,
+    matches: list[ScanMatch],
+    scan_keyframe: IntArray,
+    loops: tuple[PoseGraphEdge, ...] = (),
 ) -> PoseGraph:
-    """Keyframes, the motion between them and the accepted scan matches, for export."""
+    """Keyframes, the motion between them, the accepted scan matches and other loops, for export."""
     edges = []
     for k in range(1, len(problem.t)):
         dt = float(problem.t[k] - problem.t[k - 1])
@@ -203,6 +207,7 @@ def pose_graph(
         information = np.diag(1.0 / np.array([yaw_variance] * 3 + [position_variance] * 3))
         edges.append(PoseGraphEdge(k - 1, k, R_ab, p_a, information))
     edges += [_match_edge(m, scan_keyframe) for m in matches if m.accepted]
+    edges += loops
     return PoseGraph(keyframes.t, keyframes.p_n, keyframes.q_nb_wxyz, tuple(edges))
 
 

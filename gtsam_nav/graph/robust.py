@@ -96,17 +96,20 @@ class RobustSettings(Settings):
     velocity, constraints : Robustness
         The vehicle's own motion, by DVL or odometry, and what is known of it without a sensor:
         without them the keyframes fall apart, so these have no gate.
+    clouds : Robustness
+        The motion from one 3-D cloud to the next.
     heading, attitude, depth : GatedRobustness
         An AHRS's orientation is one residual, which ``heading`` governs.
     landmarks : SightingRobustness
     loops : LoopRobustness
-        Of consecutive scans' matches too.
+        Of consecutive scans' matches too, and of the loops between 3-D clouds.
     """
 
     gnss: GnssRobustness = GnssRobustness()
     gnss_velocity: GnssRobustness = GnssRobustness()
     velocity: Robustness = Robustness()
     constraints: Robustness = Robustness()
+    clouds: Robustness = Robustness()
     heading: GatedRobustness = GatedRobustness()
     attitude: GatedRobustness = GatedRobustness()
     depth: GatedRobustness = GatedRobustness()

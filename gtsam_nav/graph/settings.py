@@ -37,6 +37,25 @@ class LoopSettings(Settings):
     arbiter_probability: float = Field(default=0.999, gt=0, lt=1)
 
 
+class CloudLoopSettings(Settings):
+    """Which earlier 3-D clouds a cloud is registered against, and what may enter the graph.
+
+    Attributes
+    ----------
+    interval_s : float
+        Clouds nearer in time to the last one that was compared are not.
+    radius_m : float
+        Clouds whose estimated distance, less its uncertainty, is smaller are candidates.
+    min_separation_s, max_candidates
+        As in `LoopSettings`.
+    """
+
+    interval_s: float = Field(default=3.0, ge=0)
+    radius_m: float = Field(default=10.0, gt=0)
+    min_separation_s: float = Field(default=30.0, ge=0)
+    max_candidates: int = Field(default=1, ge=1)
+
+
 class RefinementSettings(Settings):
     """Joint registration of all echoes, each at its own beam's time.
 
@@ -98,4 +117,5 @@ class GraphSettings(Settings):
     keyframes_per_update: int = Field(default=3, ge=1)
     robust: RobustSettings = RobustSettings()
     loops: LoopSettings = LoopSettings()
+    cloud_loops: CloudLoopSettings = CloudLoopSettings()
     refinement: RefinementSettings = RefinementSettings()

@@ -233,7 +233,7 @@ class _Reading:
             return None, rejections
         picked = tuple(files[k] for k in kept)
         self.sources += picked
-        return CloudSeries(t=stamps[kept], row=kept, files=picked), rejections
+        return CloudSeries(t=stamps[kept], row=kept, clouds=picked), rejections
 
     def _landmark_map(self, path: Path) -> LandmarkMap:
         table = read_table(path, ("id", "n", "e", "sigma"), ("d",))

@@ -13,12 +13,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gtsam_nav.frames import Array, wrap_angle
-from gtsam_nav.registration.result import PlanarMatch
+from gtsam_nav.frames import Array, rotation_from_rpy, rpy_from_rotation, wrap_angle
+from gtsam_nav.registration.result import CloudMatch, PlanarMatch, RelativePose
 from gtsam_nav.registration.settings import PicSettings
+from gtsam_nav.sensors.noise import SonarNoise
 from gtsam_nav.sonar.scans import Scan, planar_rotations
 
 CONVERGED_M, CONVERGED_RAD = 1e-3, 1e-4
+PLANAR = [3, 4, 2]
+"""Forward, starboard and yaw in a relative pose's turn and shift."""
 GATE_FLOOR_SCALE = 1e-3
 """The gate's share of the prior covariance never shrinks below this."""
 
@@ -77,6 +80,35 @@ def register(
         reference.xy, reference.cov, new.xy, new.cov, q, settings.wall_radius_m, settings.cauchy_k
     )
     return _judge(q, H, M, paired / len(new), iterations, prior, cov_prior, settings)
+
+
+def register_points(
+    reference: Array, new: Array, prior: RelativePose, settings: PicSettings
+) -> CloudMatch:
+    """`register` of points (k, 3) with a sonar's usual range noise, each way; z is not looked at.
+
+    Height, roll and pitch of the match are the prior's, with its covariance.
+    """
+    noise = SonarNoise().sigma_range_m ** 2 * np.eye(2)
+
+    def planar(xyz: Array) -> Scan:
+        return Scan(0.0, np.array(xyz[:, :2]), np.tile(noise, (len(xyz), 1, 1)))
+
+    roll, pitch, yaw = rpy_from_rotation(prior.R_ab)
+    turn, in_plane = planar_rotations(yaw), np.ix_(PLANAR, PLANAR)
+    # x and y of the plane's match lie along the reference's axes, those of a relative pose do not
+    to_a = np.eye(3)
+    to_a[:2, :2] = turn
+    q = np.array([prior.p_a[0], prior.p_a[1], yaw])
+    cov_prior = to_a @ prior.cov[in_plane] @ to_a.T
+    match = register(planar(reference), planar(new), q, cov_prior, settings)
+    to_a[:2, :2] = planar_rotations(match.q[2])
+    cov = prior.cov.copy()
+    cov[PLANAR, :] = cov[:, PLANAR] = 0.0
+    cov[in_plane] = to_a.T @ match.cov @ to_a
+    R_ab = rotation_from_rpy(np.array([roll, pitch, match.q[2]]))
+    p_a = np.array([match.q[0], match.q[1], prior.p_a[2]])
+    return CloudMatch(RelativePose(R_ab, p_a, cov), match.overlap, match.failure)
 
 
 def register_readable(

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from gtsam_nav.frames import Array
 
 
@@ -29,6 +31,58 @@ class PlanarMatch:
     cov: Array
     overlap: float
     iterations: int
+    failure: str = ""
+
+    @property
+    def ok(self) -> bool:
+        """Whether the registration succeeded."""
+        return not self.failure
+
+
+@dataclass(frozen=True)
+class RelativePose:
+    """Pose of one body or cloud in another, with its uncertainty.
+
+    Attributes
+    ----------
+    R_ab : ndarray, shape (3, 3)
+        Turns vectors of b into a.
+    p_a : ndarray, shape (3,)
+        Origin of b in a, m.
+    cov : ndarray, shape (6, 6)
+        Of a small turn (rad) and shift (m) of b, in this order, both along the axes of b: the pose
+        is ``R_ab Exp(turn)``, ``p_a + R_ab shift``.
+    """
+
+    R_ab: Array
+    p_a: Array
+    cov: Array
+
+    def error_of(self, R_ab: Array, p_a: Array) -> Array:
+        """Turn and shift, shape (6,), that make this pose the given one."""
+        from scipy.spatial.transform import Rotation
+
+        turn = Rotation.from_matrix(self.R_ab.T @ R_ab).as_rotvec()
+        return np.concatenate([turn, self.R_ab.T @ (p_a - self.p_a)])
+
+
+@dataclass(frozen=True)
+class CloudMatch:
+    """Outcome of the registration of a new point set to a reference.
+
+    Attributes
+    ----------
+    pose : RelativePose
+        Of the new points in the reference.
+    fitness : float
+        Share of the new points that found a partner.
+    failure : str
+        Why the match must not be used; empty where it may. A failed match still holds the last
+        estimate, for the record.
+    """
+
+    pose: RelativePose
+    fitness: float
     failure: str = ""
 
     @property

@@ -41,3 +41,25 @@ class PicSettings(Settings):
     min_overlap: float = Field(default=0.4, ge=0, le=1)
     floor_xy_m: float = Field(default=0.1, ge=0)
     floor_yaw_deg: float = Field(default=0.5, ge=0)
+
+
+class Open3dSettings(Settings):
+    """Registration of 3-D clouds.
+
+    Attributes
+    ----------
+    voxel_m : float
+        Clouds are thinned to one point a cube of this side.
+    min_points : int
+        Clouds of fewer points are not registered.
+    min_fitness : float
+        Least share of points that must find a partner within two voxels.
+    floor_m, floor_deg : float
+        What is added to a match's standard deviations for errors that no residual shows.
+    """
+
+    voxel_m: float = Field(default=0.25, gt=0)
+    min_points: int = Field(default=100, ge=3)
+    min_fitness: float = Field(default=0.5, ge=0, le=1)
+    floor_m: float = Field(default=0.02, ge=0)
+    floor_deg: float = Field(default=0.1, ge=0)

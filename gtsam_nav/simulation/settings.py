@@ -5,6 +5,7 @@ from __future__ import annotations
 from pydantic import Field
 
 from gtsam_nav.settings import Settings
+from gtsam_nav.simulation.lidar import LidarSimulation
 from gtsam_nav.simulation.motion import MotionSettings
 from gtsam_nav.simulation.sonar import SonarSimulation
 
@@ -174,6 +175,7 @@ class SimulationSettings(Settings):
     odometry: OdometrySimulation | None = OdometrySimulation()
     landmarks: LandmarkSimulation | None = LandmarkSimulation()
     sonar: SonarSimulation | None = SonarSimulation()
+    lidar: LidarSimulation | None = None
 
     @classmethod
     def matched(cls) -> SimulationSettings:

@@ -11,7 +11,9 @@ from gtsam_nav.errors import ConfigError
 from gtsam_nav.frames import wrap_angle
 from gtsam_nav.mission import InitialState, Mission, Sensor
 from gtsam_nav.simulation import sensors
+from gtsam_nav.simulation.harbour import harbour
 from gtsam_nav.simulation.laps import laps
+from gtsam_nav.simulation.lidar import lidar
 from gtsam_nav.simulation.marina import marina
 from gtsam_nav.simulation.motion import Motion
 from gtsam_nav.simulation.ranger import ranger
@@ -28,6 +30,7 @@ SCENARIOS: dict[str, Callable[[int], Scenario]] = {
     "laps": laps,
     "ranger": ranger,
     "submarine": submarine,
+    "harbour": harbour,
 }
 """Names that `simulate` takes, and what makes the scenario of a seed."""
 
@@ -46,6 +49,7 @@ STREAMS = (
     "landmarks",
     "sonar",
     "start",
+    "lidar",
 )
 """What draws random numbers, in the order of the seed's child streams: one each, so that one
 sensor's settings leave the others' noise alone."""
@@ -142,6 +146,8 @@ def _mounted(
         yield sensors.landmarks(motion, world, duration_s, s.landmarks, rng["landmarks"])
     if s.sonar is not None:
         yield sonar(motion, world, duration_s, s.sonar, rng["sonar"])
+    if s.lidar is not None:
+        yield lidar(motion, world, duration_s, s.lidar, rng["lidar"])
     yield sensors.reference(motion, duration_s, s.reference_rate_hz)
 
 

@@ -22,10 +22,13 @@ class Wall:
         North and east of its corners, m.
     reinforcement : float
         How much steel it holds, and which way that turns a compass: -1 to 1.
+    height_m : float
+        Of its top above the water.
     """
 
     corners_n: Array
     reinforcement: float
+    height_m: float = 2.0
 
 
 @dataclass(frozen=True)
@@ -60,7 +63,12 @@ class World:
     walls : tuple of Wall
     piles_n : ndarray, shape (k, 2)
         Centres of round piles, m.
-    pile_radius_m : float
+    pile_radius_m, pile_height_m : float
+        The latter above the water.
+    basin_n : ndarray, shape (c, 2)
+        Corners of the water's outline; beyond it lies level ground.
+    ground_m : float
+        Height of that ground above the water.
     flat : bool
         Gravity is that of the origin everywhere, wrong by 1.5e-6 m/s^2 a metre away from it; else
         it follows the ellipsoid.
@@ -74,6 +82,9 @@ class World:
     walls: tuple[Wall, ...] = ()
     piles_n: Array = field(default_factory=lambda: np.zeros((0, 2)))
     pile_radius_m: float = 0.3
+    pile_height_m: float = 3.0
+    basin_n: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    ground_m: float = 1.5
     flat: bool = False
 
     @cached_property

@@ -21,6 +21,7 @@ import yaml
 from gtsam_nav.errors import OutputError
 from gtsam_nav.frames import Array, geodetic_from_ned, rpy_from_rotation
 from gtsam_nav.mission import Constraints, InitialState, LandmarkMap, Mission, Sensor
+from gtsam_nav.readers.clouds import cloud_table
 from gtsam_nav.readers.layout import GEODETIC_COLUMNS, LAYOUTS, NED_COLUMNS
 from gtsam_nav.series import (
     BeamSeries,
@@ -228,9 +229,12 @@ def _write_clouds(series: CloudSeries, path: Path) -> None:
     clouds = path.with_suffix("")
     clouds.mkdir()
     names = []
-    for k, file in enumerate(series.files):
-        copy = clouds / f"{k:06d}{file.suffix}"
-        shutil.copyfile(file, copy)
+    for k, source in enumerate(series.clouds):
+        copy = clouds / f"{k:06d}{source.suffix if isinstance(source, Path) else '.npy'}"
+        if isinstance(source, Path):
+            shutil.copyfile(source, copy)
+        else:
+            np.save(copy, cloud_table(source))
         names.append(f"{clouds.name}/{copy.name}")
     write_records(path, ("t", "file"), zip(series.t.tolist(), names, strict=True))
 

@@ -45,7 +45,9 @@ def assert_same_series(read: Series, written: Series, shift_s: float, tolerance:
         np.testing.assert_array_equal(read.points_b, written.points_b)
     if isinstance(written, CloudSeries):
         assert isinstance(read, CloudSeries)
-        for copy, original in zip(read.files, written.files, strict=True):
+        for copy, original in zip(read.clouds, written.clouds, strict=True):
+            assert isinstance(copy, Path)
+            assert isinstance(original, Path)
             assert copy.read_bytes() == original.read_bytes()
     if isinstance(written, ReferenceSeries):
         assert isinstance(read, ReferenceSeries)
@@ -234,7 +236,7 @@ def test_a_failure_leaves_nothing_behind(tmp_path: Path) -> None:
     mission = every_sensor_mission(tmp_path)
     clouds = mission.sensors["clouds"]
     assert isinstance(clouds.series, CloudSeries)
-    gone = replace(clouds.series, files=(tmp_path / "gone.npy",) * 3)
+    gone = replace(clouds.series, clouds=(tmp_path / "gone.npy",) * 3)
     (tmp_path / "out").mkdir()
     with pytest.raises(OutputError, match=r"gone\.npy"):
         write_mission(

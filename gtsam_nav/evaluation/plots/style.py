@@ -28,6 +28,7 @@ _METHODS = {
     "pose-ekf": "#3ead80",
     "scan-match": "#9d433e",
     "landmark-ekf": "#a98ae2",
+    "kiss": "#0c00d8",
 }
 
 DPI = 130

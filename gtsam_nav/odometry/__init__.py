@@ -1,0 +1,1 @@
+"""Stateful odometry from 3-D clouds."""

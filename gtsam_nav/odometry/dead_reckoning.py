@@ -1,0 +1,89 @@
+"""The method ``kiss``: cloud odometry alone, from the start that the other sensors tell."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gtsam_nav.config import Config
+from gtsam_nav.errors import DataError
+from gtsam_nav.frames import Array, quaternion_from_rotation
+from gtsam_nav.mission import Mission
+from gtsam_nav.odometry.cloud_map import map_or_reason
+from gtsam_nav.odometry.kiss import CloudTrack, adjoint, cloud_odometry
+from gtsam_nav.preprocess.alignment import Alignment, align
+from gtsam_nav.solution import Progress, Solution, StageClock
+from gtsam_nav.trajectory import Trajectory, record_times
+
+
+def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
+    """Dead-reckon a mission by its 3-D clouds.
+
+    Parameters
+    ----------
+    mission : Mission
+        With clouds; the first pose comes from `align`, nothing corrects the later ones.
+    config : Config
+    progress : Progress
+
+    Raises
+    ------
+    DataError
+        Where the mission has no clouds.
+    EstimationError
+        Where hardly any cloud holds points.
+    """
+    clock = StageClock()
+    settings = config.kiss.model_copy(update={"use": True})
+    with clock.stage("cloud odometry"):
+        track = cloud_odometry(mission, settings, progress)
+    if track is None:
+        raise DataError(f"mission '{mission.name}' has no 3-D clouds")
+    start = align(mission)
+    trajectory = placed(track, start, config.motion.rate_hz)
+    points, warnings = map_or_reason(track, trajectory, config.open3d.voxel_m)
+    return Solution(
+        method="kiss",
+        trajectory=trajectory,
+        mission=mission,
+        georeferenced=start.georeferenced and start.heading_known,
+        rejections=(*mission.rejections, *track.rejections),
+        warnings=(*mission.warnings, *warnings),
+        sonar_map=points,
+        n_keyframes=len(track.key),
+        stage_s=clock.seconds,
+    )
+
+
+def placed(track: CloudTrack, start: Alignment, rate_hz: float) -> Trajectory:
+    """An odometry as a trajectory that begins in a given pose, at a rate.
+
+    Its covariance is what the start and the increments between kept clouds add up to.
+    """
+    R_nb = start.R_nb @ track.R_ob[0].T @ track.R_ob
+    p_n = start.p_n + (track.p_o - track.p_o[0]) @ (start.R_nb @ track.R_ob[0].T).T
+    t_key, cov = _covariances(track, start)
+    columns = [np.interp(track.t, t_key, column) for column in cov.reshape(len(t_key), 36).T]
+    cov_b = np.stack(columns, axis=1).reshape(-1, 6, 6)
+    # a trajectory has position first, both parts along n
+    to_n = np.zeros((len(track.t), 6, 6))
+    to_n[:, :3, 3:] = to_n[:, 3:, :3] = R_nb
+    own = Trajectory(
+        t=track.t,
+        p_n=p_n,
+        q_nb_wxyz=quaternion_from_rotation(R_nb),
+        cov_pose_n=to_n @ cov_b @ np.swapaxes(to_n, 1, 2),
+    )
+    t = record_times(float(track.t[0]), float(track.t[-1]), rate_hz)
+    return own.interpolate(t, max_gap_s=np.inf)
+
+
+def _covariances(track: CloudTrack, start: Alignment) -> tuple[Array, Array]:
+    """Times of the kept clouds and the covariances of turn and shift there, shape (k, 6, 6)."""
+    cov = np.zeros((len(track.key), 6, 6))
+    cov[0, :3, :3] = np.diag(start.sigma_rpy**2)
+    cov[0, 3:, 3:] = start.R_nb.T @ np.diag(start.sigma_p**2) @ start.R_nb
+    for j in range(1, len(track.key)):
+        step = track.increment(j - 1, j)
+        carried = adjoint(step.R_ab.T, -step.R_ab.T @ step.p_a)
+        cov[j] = carried @ cov[j - 1] @ carried.T + step.cov
+    return np.array([cloud.t for cloud in track.key]), cov

@@ -1,0 +1,54 @@
+"""The method ``kiss``: where the start says, as certain as the increments add up to."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gtsam_nav.odometry.dead_reckoning import placed
+from gtsam_nav.odometry.kiss import CloudTrack, KeyCloud
+from gtsam_nav.preprocess.alignment import Alignment
+from gtsam_nav.registration.result import RelativePose
+
+STEP_COV = np.diag([1e-6] * 3 + [1e-4] * 3)
+START = Alignment(
+    t=0.0,
+    p_n=np.array([10.0, -5.0, 0.2]),
+    sigma_p=np.array([0.5, 0.6, 0.7]),
+    rpy=np.array([0.0, 0.0, 0.5]),
+    sigma_rpy=np.array([1e-4, 1e-4, 1e-2]),
+    georeferenced=True,
+)
+
+
+@pytest.fixture
+def track() -> CloudTrack:
+    """Ten metres straight ahead at 1 m/s, in a frame that is turned against the body's."""
+    t = np.arange(0.0, 10.5, 0.5)
+    R = Rotation.from_rotvec([0.0, 0.0, 0.3]).as_matrix()
+    p_o = t[:, None] * R[:, 0]
+    poses = [RelativePose(R, p, STEP_COV / 2) for p in p_o]
+    key = [KeyCloud(float(t[k]), poses[k], np.zeros((1, 3)), k) for k in range(0, 21, 2)]
+    return CloudTrack("lidar", t, np.tile(R, (21, 1, 1)), p_o, key, ())
+
+
+def test_it_starts_where_the_alignment_says(track: CloudTrack) -> None:
+    trajectory = placed(track, START, 10.0)
+    ahead = np.array([np.cos(0.5), np.sin(0.5), 0.0])
+    np.testing.assert_allclose(trajectory.p_n, START.p_n + trajectory.t[:, None] * ahead, atol=1e-9)
+    np.testing.assert_allclose(trajectory.rpy[:, 2], 0.5, atol=1e-12)
+    assert np.diff(trajectory.t).max() <= 0.1 + 1e-9
+
+
+def test_its_uncertainty_grows_as_the_increments_say(track: CloudTrack) -> None:
+    cov = placed(track, START, 10.0).cov_pose_n
+    assert cov is not None
+    R_nb = START.R_nb
+    along = np.array([R_nb[:, 0] @ c[:3, :3] @ R_nb[:, 0] for c in cov[[0, -1]]])
+    # ten increments of 1e-4 m^2 each
+    assert along[1] - along[0] == pytest.approx(10e-4, rel=1e-3)
+    across = R_nb[:, 1] @ cov[-1][:3, :3] @ R_nb[:, 1] - R_nb[:, 1] @ cov[0][:3, :3] @ R_nb[:, 1]
+    # the start's heading error, over ten metres, and that of each increment over the rest
+    expected = 10.0**2 * 1e-4 + 10e-4 + 1e-6 * sum(d**2 for d in range(10))
+    assert across == pytest.approx(expected, rel=0.02)

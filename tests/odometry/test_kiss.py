@@ -1,0 +1,163 @@
+"""Cloud odometry: it follows, knows how well, and says what it left out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gtsam_nav.errors import EstimationError
+from gtsam_nav.frames import quaternion_from_rpy
+from gtsam_nav.mission import Mission, Sensor
+from gtsam_nav.odometry.kiss import CloudTrack, adjoint, cloud_odometry
+from gtsam_nav.odometry.settings import KissSettings
+from gtsam_nav.series import Cloud, CloudSeries, ReferenceSeries
+from gtsam_nav.simulation import SimulationSettings, make_scenario, simulate
+from gtsam_nav.solution import no_progress
+from gtsam_nav.trajectory import Trajectory
+
+
+def harbour(duration_s: float, seed: int = 0) -> Mission:
+    """The simulated harbour without rest at its beginning: the vessel soon moves."""
+    settings = make_scenario("harbour").settings
+    motion = settings.motion.model_copy(update={"rest_s": 0.0, "ramp_s": 1.0})
+    moving = SimulationSettings.model_validate({**dict(settings), "motion": motion})
+    return simulate("harbour", seed, duration_s, moving)
+
+
+def truth_of(mission: Mission) -> Trajectory:
+    assert mission.reference is not None
+    series = mission.reference.series
+    assert isinstance(series, ReferenceSeries)
+    assert series.rpy is not None
+    return Trajectory(t=series.t, p_n=series.p_n, q_nb_wxyz=quaternion_from_rpy(series.rpy))
+
+
+def nees_of(track: CloudTrack, mission: Mission) -> np.ndarray:
+    """Normalised squared errors of the increments between kept clouds, shape (m,)."""
+    truth = truth_of(mission).interpolate([cloud.t for cloud in track.key])
+    found = []
+    for j in range(1, len(track.key)):
+        increment = track.increment(j - 1, j)
+        R_a = truth.R_nb[j - 1].T
+        e = increment.error_of(R_a @ truth.R_nb[j], R_a @ (truth.p_n[j] - truth.p_n[j - 1]))
+        found.append(float(e @ np.linalg.solve(increment.cov, e)))
+    return np.array(found)
+
+
+@pytest.fixture(scope="module")
+def mission() -> Mission:
+    return harbour(3.2)
+
+
+@pytest.fixture(scope="module")
+def track(mission: Mission) -> CloudTrack:
+    found = cloud_odometry(mission, KissSettings(), no_progress)
+    assert found is not None
+    return found
+
+
+def clouds_of(mission: Mission) -> tuple[Sensor, CloudSeries]:
+    sensor = mission.sensors["lidar"]
+    assert isinstance(sensor.series, CloudSeries)
+    return sensor, sensor.series
+
+
+def with_clouds(mission: Mission, clouds: tuple[Cloud, ...]) -> Mission:
+    sensor, series = clouds_of(mission)
+    kept = series.select(slice(0, len(clouds)))
+    return mission.with_sensor(replace(sensor, series=replace(kept, clouds=clouds)))
+
+
+def test_it_follows_a_moving_vessel(track: CloudTrack, mission: Mission) -> None:
+    truth = truth_of(mission).interpolate(track.t)
+    R_0 = truth.R_nb[0].T
+    p_true = (truth.p_n - truth.p_n[0]) @ R_0.T
+    assert np.linalg.norm(p_true[-1]) > 4.0
+    assert np.abs((track.p_o - track.p_o[0]) - p_true).max() < 0.08
+    turn = Rotation.from_matrix(np.swapaxes(R_0 @ truth.R_nb, 1, 2) @ track.R_ob)
+    assert np.degrees(turn.magnitude()).max() < 0.5
+
+
+def test_poses_stand_at_the_last_point_of_each_cloud(track: CloudTrack, mission: Mission) -> None:
+    _, series = clouds_of(mission)
+    first = series.clouds[0]
+    assert isinstance(first, Cloud)
+    assert first.offset_s is not None
+    assert track.t[0] == pytest.approx(series.t[0] + first.offset_s.max())
+    assert len(track.t) == len(series)
+    assert np.diff([cloud.t for cloud in track.key]).min() >= 1.0 - 1e-9
+
+
+def test_without_times_in_the_sweep_it_drifts_more(track: CloudTrack, mission: Mission) -> None:
+    _, series = clouds_of(mission)
+    bare = tuple(Cloud(c.points_s) for c in series.clouds if isinstance(c, Cloud))
+    skewed = cloud_odometry(with_clouds(mission, bare), KissSettings(), no_progress)
+    assert skewed is not None
+    truth = truth_of(mission)
+
+    def off(found: CloudTrack, t: np.ndarray) -> float:
+        there = truth.interpolate(t)
+        p_true = (there.p_n - there.p_n[0]) @ there.R_nb[0]
+        return float(np.sqrt(np.mean((found.p_o - found.p_o[0] - p_true) ** 2)))
+
+    assert off(skewed, track.t) > 2 * off(track, track.t)
+
+
+def test_the_same_clouds_give_the_same_track(track: CloudTrack, mission: Mission) -> None:
+    _, series = clouds_of(mission)
+    last = track.key[1].index
+    few = with_clouds(mission, tuple(c for c in series.clouds[: last + 1] if isinstance(c, Cloud)))
+    again = cloud_odometry(few, KissSettings(), no_progress)
+    assert again is not None
+    np.testing.assert_array_equal(again.p_o, track.p_o[: last + 1])
+    np.testing.assert_array_equal(again.key[1].pose.cov, track.key[1].pose.cov)
+
+
+def test_small_clouds_are_left_out_and_said(mission: Mission) -> None:
+    _, series = clouds_of(mission)
+    clouds = [c for c in series.clouds if isinstance(c, Cloud)][:7]
+    clouds[3] = Cloud(clouds[3].points_s[:10])
+    found = cloud_odometry(with_clouds(mission, tuple(clouds)), KissSettings(), no_progress)
+    assert found is not None
+    assert len(found.t) == 6
+    assert [(r.sensor, r.index) for r in found.rejections] == [("lidar", 3)]
+    assert "fewer than 50 points" in found.rejections[0].reason
+
+
+def test_clouds_without_points_are_no_odometry(mission: Mission) -> None:
+    empty = tuple(Cloud(np.zeros((0, 3))) for _ in range(5))
+    with pytest.raises(EstimationError, match="sensor 'lidar': fewer than two clouds"):
+        cloud_odometry(with_clouds(mission, empty), KissSettings(), no_progress)
+
+
+def test_a_mission_without_clouds_has_none(mission: Mission) -> None:
+    assert cloud_odometry(mission.without("lidar"), KissSettings(), no_progress) is None
+    assert cloud_odometry(mission, KissSettings(use=False), no_progress) is None
+
+
+def test_the_adjoint_carries_small_motions_over() -> None:
+    rng = np.random.default_rng(0)
+    R_ab, p_a = Rotation.from_rotvec(rng.normal(size=3)).as_matrix(), rng.normal(size=3)
+    small = 1e-6 * rng.normal(size=6)
+    # T_ab exp(small) = exp(adjoint small) T_ab
+    R = R_ab @ Rotation.from_rotvec(small[:3]).as_matrix()
+    p = p_a + R_ab @ small[3:]
+    moved = adjoint(R_ab, p_a) @ small
+    turn = Rotation.from_rotvec(moved[:3]).as_matrix()
+    np.testing.assert_allclose(turn @ R_ab, R, atol=1e-10)
+    np.testing.assert_allclose(turn @ p_a + moved[3:], p, atol=1e-10)
+
+
+@pytest.mark.slow
+def test_increments_are_as_uncertain_as_they_say() -> None:
+    """Over simulated runs the mean normalised squared error is near one a degree of freedom."""
+    means = []
+    # how well the surroundings fix a pose differs by the place: one run goes further
+    for outing in (harbour(20.0, seed=11), harbour(34.0, seed=12)):
+        track = cloud_odometry(outing, KissSettings(), no_progress)
+        assert track is not None
+        means.append(nees_of(track, outing).mean() / 6)
+    assert 0.5 < np.mean(means) < 1.5, means
