@@ -97,10 +97,9 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         Where the graph is indeterminate or diverges.
     """
     clock, robust = StageClock(), config.graph.robust
-    check_sigmas(mission, robust)
     ready = _made_ready(mission, config, clock, progress)
-    config, start, motion, clocks = ready.config, ready.start, ready.motion, ready.clocks
-    mission, echoes, rejections, warnings = leave_out_defective_sonar(ready.mission, config.sonar)
+    mission, config, motion = ready.mission, ready.config, ready.motion
+    mission, echoes, rejections, warnings = leave_out_defective_sonar(mission, config.sonar)
     with clock.stage("sonar"):
         sonar = _sonar_data(mission, echoes, motion, config)
     with clock.stage("cloud odometry"):
@@ -109,12 +108,11 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     t = _keyframe_times(mission, t_scans, track, config)
     scan_keyframe = np.searchsorted(t, t_scans)
     with clock.stage("factors"):
-        problem = build_problem(mission, start, motion, t, config)
+        problem = build_problem(mission, ready.start, motion, t, config)
         if track is not None:
             clouds.add(problem, track, config)
         check_anchored(problem)
-    loops = config.graph.loops
-    faults = loop_faults(mission.faults, config.seed, problem, scan_keyframe, loops)
+    faults = loop_faults(mission.faults, config.seed, problem, scan_keyframe, config.graph.loops)
     with clock.stage("isam2"), states_named(problem):
         scans = sonar.scans if sonar else []
         online = run_online(problem, scans, scan_keyframe, config, progress, faults)
@@ -123,14 +121,14 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         matches = judged(online.matches, problem, values, scan_keyframe, config)
     joined = [m for m in matches if m.accepted]
     match_factors = [match_factor(m, scan_keyframe, robust.loops) for m in joined]
+    others = [*problem.entries, *match_factors]
     with clock.stage("batch"), states_named(problem):
-        settled = settle(problem, [*problem.entries, *match_factors], values)
+        settled = settle(problem, others, values)
     with clock.stage("cloud loops"), states_named(problem):
-        others = [*problem.entries, *match_factors]
         cloud_loops = close_cloud_loops(problem, track, others, settled, config, progress)
         settled = cloud_loops.settled
     with clock.stage("refinement"), states_named(problem):
-        clocks.describe(problem, settled.used_factors, settled.values)
+        ready.clocks.describe(problem, settled.used_factors, settled.values)
         graph, refined = _refined(
             problem, settled, match_factors, cloud_loops.entries, sonar, config, progress
         )
@@ -138,13 +136,13 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     timed = [(float(t_scans[m.b]), f) for m, f in zip(joined, match_factors, strict=True)]
     weights = robust_weights(problem, timed, settled.used, values)
     constants = constant_errors(problem, refined)
-    clock_offsets = clocks.offsets(constants)
+    clock_offsets = ready.clocks.offsets(constants)
     with clock.stage("covariance"), states_named(problem):
         covariances = _covariances(problem, graph, refined)
-    states = [values.atNavState(X(k)) for k in range(len(t))]
-    keyframes = keyframe_trajectory(t, states, [covariances[X(k)] for k in range(len(t))])
+    keyframes = _keyframes(t, values, covariances)
     trajectory = dense_trajectory(problem, values, keyframes)
     points, map_warnings = _map(sonar, track, trajectory, config)
+    edges = cloud_loop_edges(cloud_loops.loops)
     return Solution(
         method="graph",
         trajectory=trajectory,
@@ -179,9 +177,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         ),
         slow_states=slow_states(problem, values, covariances, constants),
         clock_offsets=clock_offsets,
-        pose_graph=pose_graph(
-            problem, keyframes, matches, scan_keyframe, cloud_loop_edges(cloud_loops.loops)
-        ),
+        pose_graph=pose_graph(problem, keyframes, matches, scan_keyframe, edges),
         sonar_map=points,
         scans=registered_scans(mission, sonar) if sonar else None,
         landmarks=landmark_estimates(problem, values, covariances, set(settled.factors.keys())),
@@ -205,6 +201,7 @@ class _Ready:
 
 def _made_ready(mission: Mission, config: Config, clock: StageClock, progress: Progress) -> _Ready:
     """Tell landmarks apart, take compass steps and timing errors off, guess the motion."""
+    check_sigmas(mission, config.graph.robust)
     if config.landmarks.association != "ids":
         with clock.stage("association"):
             mission, config = _identified(mission, config)
@@ -262,6 +259,13 @@ def _fixes(problem: Problem, settled: Settled) -> tuple[int, int]:
         for some in (readings, settled.used)
     )
     return every, used
+
+
+def _keyframes(t: Array, values: Any, covariances: dict[int, Array]) -> Trajectory:
+    """The keyframes of a solution as a trajectory."""
+    keys = [X(k) for k in range(len(t))]
+    states = [values.atNavState(key) for key in keys]
+    return keyframe_trajectory(t, states, [covariances[key] for key in keys])
 
 
 def _is_georeferenced(problem: Problem, settled: Settled, mission: Mission) -> bool:
