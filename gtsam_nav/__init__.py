@@ -22,17 +22,22 @@ Readers convert ENU/FLU on the way in, writers on the way out. The trajectory is
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 # at once, so that the functions and not the modules of those names are the package's
 from gtsam_nav.batch import batch as batch
+from gtsam_nav.lazy import lazy_names
 from gtsam_nav.methods import estimate as estimate
 from gtsam_nav.methods import methods as methods
 
 if TYPE_CHECKING:
+    from gtsam_nav import graph as graph
+    from gtsam_nav import registration as registration
+    from gtsam_nav import sonar as sonar
     from gtsam_nav.config import Config as Config
     from gtsam_nav.config import load_config as load_config
+    from gtsam_nav.evaluation.comparison import ComparisonRow as ComparisonRow
+    from gtsam_nav.evaluation.comparison import compare as compare
     from gtsam_nav.evaluation.metrics import Metrics as Metrics
     from gtsam_nav.evaluation.metrics import evaluate as evaluate
     from gtsam_nav.evaluation.report import write_report as write_report
@@ -48,6 +53,8 @@ __version__ = "0.1.0"
 _PUBLIC = {
     "Config": "config",
     "load_config": "config",
+    "ComparisonRow": "evaluation.comparison",
+    "compare": "evaluation.comparison",
     "Metrics": "evaluation.metrics",
     "evaluate": "evaluation.metrics",
     "write_report": "evaluation.report",
@@ -62,11 +69,11 @@ _PUBLIC = {
 __all__ = sorted([*_PUBLIC, "batch", "estimate", "methods"])
 
 
-def __getattr__(name: str) -> Any:
-    if name not in _PUBLIC:
-        raise AttributeError(f"module 'gtsam_nav' has no attribute '{name}'")
-    return getattr(import_module(f"gtsam_nav.{_PUBLIC[name]}"), name)
+_PIECES = ("graph", "registration", "sonar")
+"""Packages for those who build their own."""
+
+__getattr__ = lazy_names(__name__, {**_PUBLIC, **dict(zip(_PIECES, _PIECES, strict=True))})
 
 
 def __dir__() -> list[str]:
-    return [*__all__, "__version__"]
+    return [*__all__, *_PIECES, "__version__"]

@@ -28,7 +28,7 @@ LAYERS = (
     {"trajectory"},
     {"mission"},
     {"series"},
-    {"settings", "frames", "errors"},
+    {"settings", "frames", "errors", "lazy"},
 )
 """From the top down; a module imports from its own layer or a lower one."""
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gtsam_nav.evaluation.metrics import Metrics
+from gtsam_nav.evaluation.metrics import Metrics, evaluate
 from gtsam_nav.evaluation.statistics import AbsoluteErrors
 from gtsam_nav.mission import SonarKind
+from gtsam_nav.solution import Solution
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,3 +61,8 @@ def comparison_row(name: str, metrics: Metrics, wall_s: float | None = None) -> 
         sonar=metrics.sonar,
         wall_s=wall_s,
     )
+
+
+def compare(solutions: Sequence[Solution]) -> list[ComparisonRow]:
+    """Solutions side by side, in their order, each scored on what it may be scored on."""
+    return [comparison_row(solution.method, evaluate(solution)) for solution in solutions]
