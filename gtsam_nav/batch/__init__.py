@@ -163,5 +163,6 @@ def _begin(out: Path, planned: Sequence[PlannedRun], resume: bool) -> Collection
     if len(results) and not resume:
         raise OutputError(f"{out}: holds a batch already; --resume goes on with it")
     done = finished_keys(results, planned)
-    compact(out, dropped={run.key for run in planned} - done)
+    if len(results):
+        compact(out, dropped={run.key for run in planned} - done)
     return done

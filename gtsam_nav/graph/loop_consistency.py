@@ -10,7 +10,7 @@ and Tardos (2001) in place of the cycle along the odometry, so that compass and 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,10 @@ from gtsam_nav.graph.sensor_posterior import SensorPosterior
 from gtsam_nav.sensors.prediction import chi2_limit
 from gtsam_nav.series import BoolArray, IntArray
 
+SURELY_TRUE = 0.3
+"""So many of the closures, the best by the other sensors, tell how far these may be trusted."""
+MOST_OVERCONFIDENT = 1e4
+"""Factor on the covariance of what the other sensors predict, at most."""
 GRADUATION = 1.4
 """Factor by which the non-convexity grows from one step of GNC to the next."""
 MAX_STEPS = 100
@@ -110,6 +114,28 @@ def _block_diagonal(blocks: Array) -> Array:
     whole = np.zeros((n, 3, n, 3))
     whole[np.arange(n), :, np.arange(n)] = blocks
     return whole.reshape(3 * n, 3 * n)
+
+
+def doubted(evidence: LoopEvidence) -> LoopEvidence:
+    """The same against other sensors that are no surer of themselves than the closures bear out.
+
+    Dead reckoning whose errors are shared for long is over-confident where it drifts for long: all
+    closures contradict it then, and agree with each other. The covariance of its predictions grows
+    until the best of the closures lie where chi-square variables would; it never shrinks.
+    """
+    wanted = chi2_limit(SURELY_TRUE, 3)
+
+    def surplus(log_factor: float) -> float:
+        wider = replace(evidence, cov_predicted=np.exp(log_factor) * evidence.cov_predicted)
+        return float(np.quantile(normalised_squares(wider), SURELY_TRUE)) - wanted
+
+    most = float(np.log(MOST_OVERCONFIDENT))
+    if surplus(0.0) <= 0.0:
+        return evidence
+    from scipy.optimize import brentq
+
+    log_factor = brentq(surplus, 0.0, most) if surplus(most) < 0.0 else most
+    return replace(evidence, cov_predicted=np.exp(log_factor) * evidence.cov_predicted)
 
 
 def consistent_pairs(evidence: LoopEvidence, probability: float) -> BoolArray:

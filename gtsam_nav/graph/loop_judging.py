@@ -12,6 +12,7 @@ import numpy as np
 from gtsam_nav.config import Config
 from gtsam_nav.graph.backend import graph_of
 from gtsam_nav.graph.loop_consistency import (
+    doubted,
     evidence_of,
     graduated_inliers,
     keyframes_of,
@@ -59,7 +60,7 @@ def judged(
     graph.push_back(graph_of(consecutive))
     keyframes = keyframes_of(loops, scan_keyframe)
     posterior = sensor_posterior(graph, settled.values, keyframes, problem)
-    evidence = evidence_of(loops, scan_keyframe, posterior)
+    evidence = doubted(evidence_of(loops, scan_keyframe, posterior))
     reasons = [""] * len(loops)
     left = np.arange(len(loops))
     if settings.consistency_probability is not None:
