@@ -64,6 +64,7 @@ CASES = (
     Case("laps, ins-ekf smoothed", "laps", "ins-ekf", ("ins_ekf.smooth=true",)),
     Case("laps, graph", "laps", "graph"),
     Case("marina, ins-ekf", "marina", "ins-ekf", ("gnss.use=all",)),
+    Case("marina, graph", "marina", "graph", ("gnss.use=all",)),
     Case("marina, graph without sonar", "marina", "graph", ("gnss.use=all", "sonar.use=false")),
     Case("marina, landmark-ekf", "marina", "landmark-ekf", ("gnss.use=none",), promised=False),
     Case("marina, pose-ekf", "marina", "pose-ekf", ("gnss.use=none",), promised=False),
