@@ -34,13 +34,10 @@ SCANS_BEFORE = 1000
 ODOMETRY_SPREAD = np.array([0.1, 0.1, np.radians(2.0)])
 """How far a registration looks around the odometry's displacement over a relation."""
 LASER = (
-    "sonar.scans.min_interval_s=0.5",
+    "sonar.scans.min_interval_s=1.0",
     "pic.wall_radius_m=1.0",
     "pic.min_overlap=0.6",
-    "pic.floor_xy_m=0.02",
-    "pic.floor_yaw_deg=0.2",
     "graph.refinement.max_iterations=0",
-    "graph.loops.radius_m=8.0",
 )
 """What differs for a laser in corridors: defaults are those of a scanning sonar in a harbour."""
 
