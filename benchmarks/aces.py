@@ -9,9 +9,9 @@ estimated by ``graph`` and scored on all relations, those between far apart time
 from __future__ import annotations
 
 import argparse
-import bz2
 import json
-from dataclasses import asdict, dataclass
+import time
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,49 +21,25 @@ from gtsam_nav.config import Config
 from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.registration.pic import register
-from gtsam_nav.series import BoolArray, IntArray, OdometrySeries, ScanSeries
+from gtsam_nav.series import BoolArray, IntArray, ScanSeries
 from gtsam_nav.sonar.scans import Scan, planar_rotations
 
 CONSECUTIVE_S = 30.0
 """Relations over a longer time are loops."""
-MAX_RANGE_M = 49.0
-"""The log says 50 or 81.83 where the laser saw nothing."""
 SIGMA_RANGE_M, SIGMA_BEARING_DEG = 0.03, 0.5
 """Of the laser: its ranges come in steps of 0.05 m, its beams are 1 deg apart."""
+NOISE = {"sigma_range_m": SIGMA_RANGE_M, "sigma_bearing_deg": SIGMA_BEARING_DEG}
+SCANS_BEFORE = 1000
+"""The first relation is about one of so many scans."""
 ODOMETRY_SPREAD = np.array([0.1, 0.1, np.radians(2.0)])
 """How far a registration looks around the odometry's displacement over a relation."""
 LASER = (
-    "sonar.scans.min_interval_s=0.5",
+    "sonar.scans.min_interval_s=1.0",
     "pic.wall_radius_m=1.0",
     "pic.min_overlap=0.6",
-    "pic.floor_xy_m=0.02",
-    "pic.floor_yaw_deg=0.2",
     "graph.refinement.max_iterations=0",
-    "graph.loops.radius_m=8.0",
 )
 """What differs for a laser in corridors: defaults are those of a scanning sonar in a harbour."""
-SIGMA_V_M_S, SIGMA_YAW_RATE_RAD_S = 0.2, 0.15
-"""Of the odometry, as the log itself tells: the spread of its tenth worst step against pIC."""
-
-
-@dataclass(frozen=True)
-class LaserLog:
-    """A CARMEN log: ranges (n, beams) and odometry poses (n, 3) x, y, yaw at times (n,).
-
-    Angles and y are turned from the log's (left positive) to FRD.
-    """
-
-    t: Array
-    ranges_m: Array
-    odometry: Array
-
-    def points(self, k: int) -> Array:
-        """Echoes of scan k, shape (m, 2), forward and starboard, m."""
-        beams = self.ranges_m.shape[1]
-        bearing = np.radians(90.0 - np.arange(beams) * 180.0 / beams)
-        seen = self.ranges_m[k] < MAX_RANGE_M
-        r = self.ranges_m[k, seen]
-        return np.column_stack([r * np.cos(bearing[seen]), r * np.sin(bearing[seen])])
 
 
 @dataclass(frozen=True)
@@ -91,30 +67,40 @@ class Errors:
     p95_deg: float
 
 
-def read_log(path: Path) -> LaserLog:
-    """The FLASER lines of a CARMEN log."""
-    rows = []
-    with bz2.open(path, "rt", encoding="ascii") as lines:
-        for line in lines:
-            words = line.split()
-            if words and words[0] == "FLASER":
-                n = int(words[1])
-                odometry = [float(w) for w in words[n + 5 : n + 8]]
-                rows.append((float(words[n + 8]), [float(w) for w in words[2 : n + 2]], odometry))
-    t, ranges, odometry = (np.array(column) for column in zip(*rows, strict=True))
-    first = np.concatenate([[True], np.diff(t) > 0])
-    return LaserLog(t[first], ranges[first], odometry[first] * [1.0, -1.0, -1.0])
+def read_log(path: Path) -> Mission:
+    """The log by the package's own reader, with the laser's noise."""
+    mission = gn.open_mission(path)
+    laser = replace(scans_of(mission), noise=NOISE)
+    return replace(mission, sensors={**mission.sensors, laser.name: laser})
+
+
+def scans_of(mission: Mission) -> Sensor:
+    """The laser."""
+    (laser,) = mission.of_type("scans")
+    return laser
 
 
 def read_relations(path: Path, t: Array) -> Relations:
-    """Relations between scans at times t; x, y and yaw only."""
+    """Relations between scans at times t; x, y and yaw only.
+
+    The file's times are the log's: they differ from the mission's by a constant, which is that
+    where they all fall on scans.
+    """
     rows = np.loadtxt(path)
-    a, b = (np.argmin(np.abs(t - rows[:, [c]]), axis=1) for c in (0, 1))
-    stamped = np.maximum(np.abs(t[a] - rows[:, 0]), np.abs(t[b] - rows[:, 1])) < 0.01
-    if not np.all(stamped):
-        raise SystemExit(f"{path}: {np.sum(~stamped)} relations have no scan")
-    q = rows[:, [2, 3, 7]] * [1.0, -1.0, -1.0]
-    return Relations(a, b, q, rows[:, 1] - rows[:, 0])
+    first = rows[np.argmin(rows[:, 0]), 0]
+    for zero_s in first - t[:SCANS_BEFORE]:
+        a, b = (nearest(t, rows[:, c] - zero_s) for c in (0, 1))
+        off = np.maximum(np.abs(t[a] + zero_s - rows[:, 0]), np.abs(t[b] + zero_s - rows[:, 1]))
+        if np.all(off < 0.01):
+            q = rows[:, [2, 3, 7]] * [1.0, -1.0, -1.0]
+            return Relations(a, b, q, rows[:, 1] - rows[:, 0])
+    raise SystemExit(f"{path}: the relations' times fall on no scans")
+
+
+def nearest(t: Array, wanted: Array) -> IntArray:
+    """Index into rising times t of the one nearest to each that is wanted."""
+    after = np.clip(np.searchsorted(t, wanted), 1, len(t) - 1)
+    return np.asarray(after - (wanted - t[after - 1] < t[after] - wanted), dtype=np.int64)
 
 
 def between(poses: Array, a: IntArray, b: IntArray) -> Array:
@@ -134,61 +120,35 @@ def errors(q: Array, relations: Relations) -> Errors:
     )
 
 
-def scan_of(log: LaserLog, k: int) -> Scan:
-    """A scan with the laser's noise."""
-    xy = log.points(k)
+def scan_of(laser: Sensor, k: int) -> Scan:
+    """Scan k with the laser's noise."""
+    series = laser.series
+    assert isinstance(series, ScanSeries)
+    xy = series.points_b[series.first[k] : series.first[k + 1], :2]
     r = np.maximum(np.linalg.norm(xy, axis=1), 1e-6)
     ray = xy / r[:, None]
     across = np.column_stack([-ray[:, 1], ray[:, 0]]) * (r * np.radians(SIGMA_BEARING_DEG))[:, None]
     along = ray * SIGMA_RANGE_M
     cov = np.einsum("ni,nj->nij", along, along) + np.einsum("ni,nj->nij", across, across)
-    return Scan(float(log.t[k]), xy, cov)
+    return Scan(float(series.t[k]), xy, cov)
 
 
-def registered(log: LaserLog, relations: Relations, config: Config) -> Array:
-    """Relative poses by pIC from odometry; a failure keeps the odometry's."""
-    prior = between(log.odometry, relations.a, relations.b)
+def registered(laser: Sensor, odometry: Array, relations: Relations, config: Config) -> Array:
+    """Relative poses by pIC from odometry (poses of all scans); a failure keeps the odometry's."""
+    prior = between(odometry, relations.a, relations.b)
     cov = np.diag(ODOMETRY_SPREAD**2)
     found = prior.copy()
     for k, (a, b) in enumerate(zip(relations.a.tolist(), relations.b.tolist(), strict=True)):
-        match = register(scan_of(log, a), scan_of(log, b), prior[k], cov, config.pic)
+        match = register(scan_of(laser, a), scan_of(laser, b), prior[k], cov, config.pic)
         if match.ok:
             found[k] = match.q
     return found
 
 
-def mission_of(log: LaserLog) -> Mission:
-    """The log as a mission: odometry from its poses, and one scan a laser scan."""
-    dt = np.diff(log.t)
-    n = len(log.t)
-    index = np.arange(n)
-    step = between(log.odometry, index[:-1], index[1:])
-    # a step's velocity holds at its middle
-    odometry = OdometrySeries(
-        t=0.5 * (log.t[1:] + log.t[:-1]) - log.t[0],
-        v_b=step[:, :2] / dt[:, None],
-        yaw_rate=step[:, 2] / dt,
-        sigma_v=np.full(n - 1, SIGMA_V_M_S),
-        sigma_yaw_rate=np.full(n - 1, SIGMA_YAW_RATE_RAD_S),
-    )
-    points = [log.points(k) for k in range(n)]
-    first = np.concatenate([[0], np.cumsum([len(p) for p in points])]).astype(np.int64)
-    scans = ScanSeries(t=log.t - log.t[0], first=first, points_b=np.concatenate(points))
-    noise = {"sigma_range_m": SIGMA_RANGE_M, "sigma_bearing_deg": SIGMA_BEARING_DEG}
-    return Mission(
-        name="aces",
-        sensors={
-            "odometry": Sensor("odometry", "odometry", odometry),
-            "laser": Sensor("laser", "scans", scans, noise=noise),
-        },
-    )
-
-
-def estimated(log: LaserLog, config: Config) -> Array:
-    """Poses x, y, yaw of all scans by the method ``graph``."""
-    trajectory = gn.estimate(mission_of(log), "graph", config).trajectory
-    t = log.t - log.t[0]
-    inside = np.clip(t, trajectory.t[0], trajectory.t[-1])
+def estimated(mission: Mission, method: str, config: Config) -> Array:
+    """Poses x, y, yaw of all scans by a method, shape (n, 3)."""
+    trajectory = gn.estimate(mission, method, config).trajectory
+    inside = np.clip(scans_of(mission).series.t, trajectory.t[0], trajectory.t[-1])
     xy = [np.interp(inside, trajectory.t, trajectory.p_n[:, c]) for c in (0, 1)]
     yaw = np.interp(inside, trajectory.t, np.unwrap(trajectory.rpy[:, 2]))
     return np.column_stack([*xy, yaw])
@@ -204,16 +164,20 @@ def main() -> None:
     arguments = parser.parse_args()
     config = gn.load_config(arguments.config, () if arguments.config else LASER)
     log = read_log(arguments.folder / "aces.clf.bz2")
-    relations = read_relations(arguments.folder / "aces.relations", log.t)
+    laser = scans_of(log)
+    odometry = estimated(log, "dr", config)
+    relations = read_relations(arguments.folder / "aces.relations", laser.series.t)
     near = relations.select(relations.elapsed_s < CONSECUTIVE_S)
     far = relations.select(relations.elapsed_s >= CONSECUTIVE_S)
     rows = {
-        "odometry, consecutive": errors(between(log.odometry, near.a, near.b), near),
-        "pic, consecutive": errors(registered(log, near, config), near),
-        "odometry, loops": errors(between(log.odometry, far.a, far.b), far),
+        "odometry, consecutive": errors(between(odometry, near.a, near.b), near),
+        "pic, consecutive": errors(registered(laser, odometry, near, config), near),
+        "odometry, loops": errors(between(odometry, far.a, far.b), far),
     }
     if arguments.slam:
-        poses = estimated(log, config)
+        begin = time.perf_counter()
+        poses = estimated(log, "graph", config)
+        print(f"graph: {time.perf_counter() - begin:.0f} s")
         rows["graph, consecutive"] = errors(between(poses, near.a, near.b), near)
         rows["graph, loops"] = errors(between(poses, far.a, far.b), far)
     print("                        relations   median              95 %")

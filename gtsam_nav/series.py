@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -292,15 +292,23 @@ class Cloud:
         return len(self.points_s)
 
 
+class StoredCloud(Protocol):
+    """A cloud inside a larger file."""
+
+    def read(self) -> Cloud:
+        """The cloud, or `DataError` where it cannot be read."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class CloudSeries(Series):
-    """3-D point clouds, one a stamp: in memory, or the file (.npy, .ply, .pcd) that holds it.
+    """3-D point clouds, one a stamp: in memory, or the place that holds it.
 
-    ``readers.clouds.load`` gives the `Cloud` of either; a mission of hours does not fit in memory.
+    That is a file of its own (.npy, .ply, .pcd) or a message of a bag; ``readers.clouds.load``
+    gives the `Cloud` of any of them. A mission of hours does not fit in memory.
     """
 
     TYPE: ClassVar[str] = "clouds"
-    clouds: tuple[Path | Cloud, ...] = field(kw_only=True)
+    clouds: tuple[Path | Cloud | StoredCloud, ...] = field(kw_only=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()

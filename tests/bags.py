@@ -59,7 +59,7 @@ class Messages:
         self.kind = kind
         self.store = typestore(kind)
 
-    def make(self, name: str, **given: Any) -> Any:
+    def make(self, name: str, /, **given: Any) -> Any:
         fields = {}
         for field, (node, details) in self.store.fielddefs[name][1]:
             fields[field] = given.pop(field) if field in given else self._zero(node, details)

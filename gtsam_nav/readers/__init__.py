@@ -62,10 +62,8 @@ _READERS = (
     "gtsam_nav.readers.ping360",
     "gtsam_nav.readers.g2o",
     "gtsam_nav.readers.csv_files",
+    "gtsam_nav.readers.cloud_files",
 )
-
-
-CLOUD_SUFFIXES = (".ply", ".pcd")
 
 
 def readers() -> tuple[Reader, ...]:
@@ -126,12 +124,5 @@ def _reader_of(place: Path) -> Reader:
             return reader
     if not place.exists():
         raise DataError("no such file or folder", place)
-    inside = place.iterdir() if place.is_dir() else (place,)
-    if any(file.suffix in CLOUD_SUFFIXES for file in inside):
-        raise DataError(
-            "point clouds alone are no mission: no reader opens them by themselves; a mission"
-            " folder's sensor of type clouds names them with their times",
-            place,
-        )
     expected = "; ".join(f"{reader.NAME}: {reader.EXPECTS}" for reader in readers())
     raise DataError(f"not a mission that any reader knows. They expect: {expected}", place)

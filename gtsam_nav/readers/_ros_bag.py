@@ -149,12 +149,22 @@ class Bag:
     def raw_messages(self, topics: list[Topic]) -> Iterator[tuple[str, float, bytes]]:
         """Topic, log time and bytes of all messages on some topics, in the order of the log."""
         connections = [c for topic in topics for c in topic.connections]
+        for connection, log_ns, raw in self._messages(connections):
+            yield connection.topic, (log_ns - self.zero_s * 10**9) * 1e-9, raw
+
+    def raw_messages_at(self, topic: Topic, log_s: float) -> Iterator[bytes]:
+        """Bytes of the messages on a topic at a log time that `raw_messages` gave."""
+        log_ns = self.zero_s * 10**9 + round(log_s * 1e9)
+        for _, _, raw in self._messages(list(topic.connections), log_ns, log_ns + 1):
+            yield raw
+
+    def _messages(
+        self, connections: list[Connection], start_ns: int | None = None, stop_ns: int | None = None
+    ) -> Iterator[tuple[Connection, int, bytes]]:
         if not connections:
             return
         try:
-            for connection, log_ns, raw in self._reader.messages(connections):
-                log_s = (log_ns - self.zero_s * 10**9) * 1e-9
-                yield connection.topic, log_s, raw
+            yield from self._reader.messages(connections, start_ns, stop_ns)
         except Exception as error:  # rosbags raises whatever the damage leads to
             raise self._damaged(error) from error
 

@@ -10,7 +10,7 @@ from typing import Any
 from gtsam_nav.errors import DataError
 from gtsam_nav.readers._ros_bag import Bag, Topic
 from gtsam_nav.readers._ros_card import BagCard, BagSensor
-from gtsam_nav.readers._ros_dialects import NOT_READ, Dialect, dialects_of
+from gtsam_nav.readers._ros_dialects import Dialect, dialects_of
 
 LOOKED_AT = 50
 """Messages that must show an orientation before a topic counts as compass."""
@@ -18,7 +18,11 @@ LOOKED_AT = 50
 TRUTH = re.compile(r"truth|(^|[/_])gt([/_]|$)|reference", re.IGNORECASE)
 """Topics of positions that are somebody's truth."""
 
-SENSORS = ("imu", "heading", "attitude", "dvl", "odometry", "gnss", "depth", "beams", "scans")
+SENSORS = (
+    *("imu", "heading", "attitude", "dvl", "odometry", "gnss", "depth"),
+    *("beams", "scans", "clouds"),
+)
+"""In the order in which they are taken without a card."""
 
 
 @dataclass(frozen=True)
@@ -176,6 +180,4 @@ def could_be(topic: Topic) -> tuple[str, ...]:
     for dialect in dialects_of(topic.type):
         needed = f" (needs {dialect.needs})" if dialect.needs else ""
         found[f"{dialect.sensor}{needed}"] = None
-    if topic.type in NOT_READ:
-        found[NOT_READ[topic.type]] = None
     return tuple(found)

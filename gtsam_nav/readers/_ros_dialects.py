@@ -10,7 +10,7 @@ What a message states of its own noise counts, as far as it states any.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -131,6 +131,7 @@ DIALECTS: tuple[Dialect, ...] = (
     Dialect(("sensor_msgs/NavSatFix",), "gnss", messages.fix),
     Dialect(("sensor_msgs/FluidPressure",), "depth", messages.pressure),
     Dialect(("sensor_msgs/LaserScan",), "scans", messages.scan),
+    Dialect(("sensor_msgs/PointCloud2",), "clouds", messages.points, to_frd("points_s")),
     Dialect(
         ("sensor_msgs/MagneticField",),
         "heading",
@@ -166,11 +167,6 @@ DIALECTS: tuple[Dialect, ...] = (
     Dialect(("RangeImageBeam",), "beams", marine.range_image_beam, turned=False),
 )
 """In the order of preference."""
-
-NOT_READ: Mapping[str, str] = {
-    "sensor_msgs/msg/PointCloud2": "clouds (not read from bags)",
-}
-"""Message types that could be sensors but are not read yet, and as what."""
 
 
 def dialects_of(message_type: str) -> list[Dialect]:

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from gtsam_nav.errors import DataError
+from gtsam_nav.readers._pointcloud2 import NANOSECOND_S, cloud_of_message
 from gtsam_nav.readers._ros_card import BagSensor
 
 UNKNOWN_VARIANCE = 1e5
@@ -170,6 +172,18 @@ def scan(m: Any, _: BagSensor) -> Sample | str:
     angle = m.angle_min + m.angle_increment * np.arange(len(ranges))[seen]
     x, y = ranges[seen] * np.cos(angle), ranges[seen] * np.sin(angle)
     return {"points": np.column_stack([x, y, np.zeros(len(x))])}
+
+
+def points(m: Any, _: BagSensor) -> Sample | str:
+    """Points of a cloud with their times, or what is odd about its fields."""
+    stamp = m.header.stamp
+    try:
+        cloud = cloud_of_message(m, stamp.sec + NANOSECOND_S * stamp.nanosec)
+    except DataError as error:
+        return str(error)
+    if not len(cloud):
+        return "no finite point"
+    return {"points_s": cloud.points_s, "offset_s": cloud.offset_s}
 
 
 def over_ground(

@@ -14,15 +14,17 @@ from numpy.typing import NDArray
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.registration.packages import open3d
-from gtsam_nav.series import Cloud
+from gtsam_nav.series import Cloud, StoredCloud
 
 SUFFIXES = (".npy", ".ply", ".pcd")
 TIME_PROPERTY = "t"
 
 
-def load(source: Path | Cloud) -> Cloud:
-    """A cloud that is in memory already, or the one that a file holds; see `read_cloud`."""
-    return source if isinstance(source, Cloud) else read_cloud(source)
+def load(source: Path | Cloud | StoredCloud) -> Cloud:
+    """A cloud that is in memory already, or the one that a place holds; see `read_cloud`."""
+    if isinstance(source, Cloud):
+        return source
+    return read_cloud(source) if isinstance(source, Path) else source.read()
 
 
 def read_cloud(path: Path) -> Cloud:

@@ -44,13 +44,14 @@ from gtsam_nav.readers._ros_clock import (
     clock_warnings,
     stamps_of,
 )
+from gtsam_nav.readers._ros_clouds import PLACE, CloudPlaces, cloud_series
 from gtsam_nav.readers._ros_dialects import Columns
 from gtsam_nav.readers._ros_messages import NO_FIX, Sample
 from gtsam_nav.readers._ros_mounting import Frames, Mounting
 from gtsam_nav.readers._ros_rows import Cleaned, Rows, beams, scans, with_usual_noise
 from gtsam_nav.readers.contents import Contents, Stream
 from gtsam_nav.sensors.noise import NOISE_MODELS
-from gtsam_nav.series import SERIES_TYPES, BoolArray, ScanSeries
+from gtsam_nav.series import SERIES_TYPES, BoolArray, CloudSeries, ScanSeries
 from gtsam_nav.solution import Progress, no_progress
 
 NAME = "ROS bag"
@@ -88,7 +89,8 @@ def read(path: Path, progress: Progress = no_progress, card: Path | None = None)
     with open_bag(path) as bag:
         stated, choices, notes = _card_and_choices(bag, card)
         clocks = _clocks(bag, choices)
-        reading = _Reading(bag, choices, clocks, Frames(bag.static_transforms(), stated.body_frame))
+        frames = Frames(bag.static_transforms(), stated.body_frame)
+        reading = _Reading(bag, choices, clocks, frames, CloudPlaces(path))
         reading.warnings += [*notes, *clock_warnings(choices, clocks)]
         reading.run(progress)
         origin = None if stated.origin is None else stated.origin.to_origin()
@@ -190,12 +192,18 @@ class _Reading:
     """The messages of the chosen topics on their way to sensors."""
 
     def __init__(
-        self, bag: Bag, choices: list[Choice], clocks: dict[str, Clock], frames: Frames
+        self,
+        bag: Bag,
+        choices: list[Choice],
+        clocks: dict[str, Clock],
+        frames: Frames,
+        places: CloudPlaces,
     ) -> None:
         self.bag = bag
         self.choices = choices
         self.clocks = clocks
         self.frames = frames
+        self.places = places
         self.stamps: dict[str, Stamp] = choose_stamps(choices, clocks)
         self.rows = {choice.name: Rows() for choice in choices}
         self.origin: Origin | None = None
@@ -214,8 +222,12 @@ class _Reading:
             if k % 1000 == 0:
                 progress("read mission", min(log_s / duration_s, 1.0))
             message = self.bag.decode(self.bag.topics[name], raw)
+            place = self.places.next(name, log_s)
             for choice in by_topic[name]:
-                self.rows[choice.name].add(_sample(choice, message))
+                sample = _sample(choice, message)
+                if choice.dialect.sensor == CloudSeries.TYPE and not isinstance(sample, str):
+                    sample = {PLACE: place}
+                self.rows[choice.name].add(sample)
         progress("read mission", 1.0)
 
     def sensors(self, origin: Origin | None) -> dict[str, Sensor]:
@@ -277,6 +289,8 @@ class _Reading:
             return scans(choice.name, t, rows, mounting)
         if kind == "beams":
             return beams(choice.name, t, rows)
+        if kind == "clouds":
+            return cloud_series(choice.name, t, rows)
         if not any(sample is not None for sample in rows.samples):
             return None, [
                 Rejection(float(t[k]), choice.name, k, reason)

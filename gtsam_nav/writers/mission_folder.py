@@ -21,7 +21,7 @@ import yaml
 from gtsam_nav.errors import OutputError
 from gtsam_nav.frames import Array, geodetic_from_ned, rpy_from_rotation
 from gtsam_nav.mission import Constraints, InitialState, LandmarkMap, Mission, Sensor
-from gtsam_nav.readers.clouds import cloud_table
+from gtsam_nav.readers.clouds import cloud_table, load
 from gtsam_nav.readers.layout import GEODETIC_COLUMNS, LAYOUTS, NED_COLUMNS
 from gtsam_nav.series import (
     BeamSeries,
@@ -234,7 +234,7 @@ def _write_clouds(series: CloudSeries, path: Path) -> None:
         if isinstance(source, Path):
             shutil.copyfile(source, copy)
         else:
-            np.save(copy, cloud_table(source))
+            np.save(copy, cloud_table(load(source)))
         names.append(f"{clouds.name}/{copy.name}")
     write_records(path, ("t", "file"), zip(series.t.tolist(), names, strict=True))
 

@@ -28,13 +28,6 @@ def test_an_unknown_path_is_told_what_every_reader_expects(tmp_path: Path) -> No
         assert reader.EXPECTS in str(caught.value)
 
 
-def test_point_clouds_alone_are_told_where_they_belong(tmp_path: Path) -> None:
-    (tmp_path / "source.ply").write_bytes(b"ply\n")
-    for path in (tmp_path, tmp_path / "source.ply"):
-        with pytest.raises(DataError, match="point clouds alone are no mission"):
-            open_mission(path)
-
-
 def test_an_absent_path_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="no such file or folder"):
         open_mission(tmp_path / "absent")
