@@ -119,7 +119,7 @@ def planar_motion(mission: Mission, settings: MotionSettings) -> PlanarMotion | 
     c, s, dt = np.cos(course), np.sin(course), np.diff(t)
     v = np.column_stack([c * v_b[:, 0] - s * v_b[:, 1], s * v_b[:, 0] + c * v_b[:, 1]])
     steps = 0.5 * (v[1:] + v[:-1]) * dt[:, None]
-    walk = _walk(sigma_v, dt) + settings.sigma_accel_m_s2**2 * dt**3 / 3
+    walk = _walk(sigma_v, dt) + settings.sigma_accel_m_s2**2 * _silence(dt) ** 3 / 3
     variance = np.column_stack([_summed(walk), _summed(walk), course_variance])
     return PlanarMotion(
         t,
@@ -135,6 +135,11 @@ def planar_motion(mission: Mission, settings: MotionSettings) -> PlanarMotion | 
 def _walk(sigma: Array, dt: Array) -> Array:
     """Variance that white noise adds up to in each step."""
     return np.asarray(sigma[:-1] ** 2 * np.median(dt) * dt)
+
+
+def _silence(dt: Array) -> Array:
+    """By how much each step is longer than the usual one, s."""
+    return np.asarray(np.maximum(dt - np.median(dt), 0.0))
 
 
 def _summed(steps: Array) -> Array:
@@ -195,7 +200,7 @@ def _course(mission: Mission, t: Array, settings: MotionSettings) -> tuple[Array
     t_rate, rate, sigma = _held_to(t_rate, rate[:, None], sigma, t[0], t[-1])
     dt = np.diff(t_rate)
     turned = _summed(0.5 * (rate[1:, 0] + rate[:-1, 0]) * dt)
-    walk = _walk(sigma, dt) + settings.sigma_yaw_accel_rad_s2**2 * dt**3 / 3
+    walk = _walk(sigma, dt) + settings.sigma_yaw_accel_rad_s2**2 * _silence(dt) ** 3 / 3
     return np.interp(t, t_rate, turned), np.interp(t, t_rate, _summed(walk)), False
 
 
