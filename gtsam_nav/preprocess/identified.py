@@ -50,7 +50,7 @@ def identified(mission: Mission, motion: MotionSettings, settings: LandmarkSetti
     sensors = mission.of_type("landmarks")
     if not sensors:
         return mission
-    dead_reckoned = planar_motion(mission, motion)
+    dead_reckoned = planar_motion(mission, motion, readings_suffice=True)
     if len(sensors) > 1 or dead_reckoned is None:
         lacks = "a DVL or odometry" if dead_reckoned is None else "a single sensor of landmarks"
         raise DataError(
