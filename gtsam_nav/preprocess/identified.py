@@ -9,12 +9,12 @@ import numpy as np
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission, Sensor
-from gtsam_nav.preprocess.landmark_identity import Identities
-from gtsam_nav.preprocess.planar_map import PlanarMap
+from gtsam_nav.preprocess.landmark_hypotheses import Sighted, explained
 from gtsam_nav.preprocess.planar_motion import PlanarMotion, planar_motion
 from gtsam_nav.preprocess.planar_smoothing import SightedPoints
 from gtsam_nav.preprocess.settings import MotionSettings
-from gtsam_nav.preprocess.tracklets import noise_found, tracklets
+from gtsam_nav.preprocess.tracklets import noise_found
+from gtsam_nav.sensors.association import NONE
 from gtsam_nav.sensors.landmarks import level_points, variance_factors
 from gtsam_nav.sensors.noise import LandmarkNoise
 from gtsam_nav.sensors.prediction import chi2_limit
@@ -23,8 +23,8 @@ from gtsam_nav.series import IntArray, LandmarkSeries
 
 MOMENT_S = 0.05
 """Sightings that follow each other faster are of one moment."""
-RESOLVED_SIGMAS = 3.0
-"""Landmarks that are nearer to each other, in sigmas of a usual sighting, look alike."""
+HYPOTHESES = 20
+"""That joint association follows side by side."""
 MOTION_EXCESS = 4.0
 """By how much the variance of dead reckoning is larger than that of white readings: their errors
 share much from one moment to the next."""
@@ -50,7 +50,7 @@ def identified(mission: Mission, motion: MotionSettings, settings: LandmarkSetti
     sensors = mission.of_type("landmarks")
     if not sensors:
         return mission
-    dead_reckoned = planar_motion(mission, motion)
+    dead_reckoned = planar_motion(mission, motion, readings_suffice=True)
     if len(sensors) > 1 or dead_reckoned is None:
         lacks = "a DVL or odometry" if dead_reckoned is None else "a single sensor of landmarks"
         raise DataError(
@@ -71,20 +71,30 @@ def _ids(sensor: Sensor, motion: PlanarMotion, settings: LandmarkSettings) -> In
     t = _moments(np.append(motion.t[0], series.t))
     p_b, cov_b = level_points(series, sensor)
     seen = SightedPoints(np.searchsorted(t, series.t, side="right") - 1, p_b, cov_b)
-    seen = replace(seen, cov_b=noise_found(t, seen, motion) * cov_b)
-    spread = np.sqrt(np.linalg.eigvalsh(seen.cov_b)[:, -1])
-    resolution = RESOLVED_SIGMAS * float(np.median(spread))
-    excess = variance_factors(series.t, LandmarkNoise.model_validate(sensor.noise))
+    # sightings may scatter less than stated; those that share errors tell less than their number
+    shared = variance_factors(series.t, LandmarkNoise.model_validate(sensor.noise))
+    variance = noise_found(t, seen, motion) * shared
     increments = motion.increments(t)
-    planar_map = PlanarMap(
+    drive = Sighted(
         replace(increments, variance=MOTION_EXCESS * increments.variance),
-        replace(seen, cov_b=excess[:, None, None] * seen.cov_b),
+        replace(seen, cov_b=variance[:, None, None] * cov_b),
+        1.0 / shared,
         motion.scale_sigma,
         motion.curvature_sigma,
-        chi2_limit(settings.gate_probability, 2),
     )
-    number = tracklets(t, seen, motion)
-    return Identities(planar_map, t, number, resolution, settings).run()
+    most = HYPOTHESES if settings.association == "joint" else 1
+    return _numbered(explained(drive, most, chi2_limit(settings.gate_probability, 2)).landmark)
+
+
+def _numbered(landmark: IntArray) -> IntArray:
+    """Landmarks in the order of discovery; NONE of what was seen once."""
+    names, first, of, count = np.unique(
+        landmark, return_index=True, return_inverse=True, return_counts=True
+    )
+    number = np.full(len(names), NONE)
+    kept = np.flatnonzero(count > 1)
+    number[kept[np.argsort(first[kept], kind="stable")]] = np.arange(len(kept))
+    return np.asarray(number[of])
 
 
 def _moments(t: Array) -> Array:

@@ -99,11 +99,13 @@ class Speeds:
     scale_sigma: float
 
 
-def planar_motion(mission: Mission, settings: MotionSettings) -> PlanarMotion | None:
+def planar_motion(
+    mission: Mission, settings: MotionSettings, *, readings_suffice: bool = False
+) -> PlanarMotion | None:
     """Dead-reckon a mission in the plane; None where nothing measures its speed.
 
     The readings' errors are white at their usual rate. Over a silence the speed walks away as
-    ``settings`` say.
+    ``settings`` say; with ``readings_suffice`` only for as long as that exceeds the usual step.
 
     Raises
     ------
@@ -115,11 +117,13 @@ def planar_motion(mission: Mission, settings: MotionSettings) -> PlanarMotion | 
         return None
     start, stop = mission.span_s
     t, v_b, sigma_v = _held_to(readings.t, readings.v_b, readings.sigma, start, stop)
-    course, course_variance, is_heading = _course(mission, t, settings)
+    course, course_variance, is_heading = _course(mission, t, settings, readings_suffice)
     c, s, dt = np.cos(course), np.sin(course), np.diff(t)
     v = np.column_stack([c * v_b[:, 0] - s * v_b[:, 1], s * v_b[:, 0] + c * v_b[:, 1]])
     steps = 0.5 * (v[1:] + v[:-1]) * dt[:, None]
-    walk = _walk(sigma_v, dt) + settings.sigma_accel_m_s2**2 * dt**3 / 3
+    walk = (
+        _walk(sigma_v, dt) + settings.sigma_accel_m_s2**2 * _silence(dt, readings_suffice) ** 3 / 3
+    )
     variance = np.column_stack([_summed(walk), _summed(walk), course_variance])
     return PlanarMotion(
         t,
@@ -135,6 +139,12 @@ def planar_motion(mission: Mission, settings: MotionSettings) -> PlanarMotion | 
 def _walk(sigma: Array, dt: Array) -> Array:
     """Variance that white noise adds up to in each step."""
     return np.asarray(sigma[:-1] ** 2 * np.median(dt) * dt)
+
+
+def _silence(dt: Array, readings_suffice: bool) -> Array:
+    """Over how much of each step the speed walks away, s."""
+    usual = np.median(dt) if readings_suffice else 0.0
+    return np.asarray(np.maximum(dt - usual, 0.0))
 
 
 def _summed(steps: Array) -> Array:
@@ -179,7 +189,9 @@ def _curvature_sigma(mission: Mission) -> float:
     return float(np.radians(noise.curvature_sigma_deg_m))
 
 
-def _course(mission: Mission, t: Array, settings: MotionSettings) -> tuple[Array, Array, bool]:
+def _course(
+    mission: Mission, t: Array, settings: MotionSettings, readings_suffice: bool
+) -> tuple[Array, Array, bool]:
     """Unwrapped course, summed variance, and whether it is a heading.
 
     A compass's error is a disturbance that comes and goes (`HeadingNoise`): as a random walk of the
@@ -195,7 +207,10 @@ def _course(mission: Mission, t: Array, settings: MotionSettings) -> tuple[Array
     t_rate, rate, sigma = _held_to(t_rate, rate[:, None], sigma, t[0], t[-1])
     dt = np.diff(t_rate)
     turned = _summed(0.5 * (rate[1:, 0] + rate[:-1, 0]) * dt)
-    walk = _walk(sigma, dt) + settings.sigma_yaw_accel_rad_s2**2 * dt**3 / 3
+    walk = (
+        _walk(sigma, dt)
+        + settings.sigma_yaw_accel_rad_s2**2 * _silence(dt, readings_suffice) ** 3 / 3
+    )
     return np.interp(t, t_rate, turned), np.interp(t, t_rate, _summed(walk)), False
 
 

@@ -18,7 +18,8 @@ class LandmarkSettings(Settings):
         Trust the mission's surveyed landmarks, where it has them; else all are learnt.
     association : {"ids", "nearest", "joint"}
         Which landmark a sighting is of: by the sensor's own ids, by the nearest compatible one
-        each, or by joint compatibility of all sightings of a moment.
+        each, or by joint compatibility of all sightings of a moment. The graph decides late: it
+        follows a single hypothesis for "nearest", and the best few for "joint".
     gate_probability : float
         Probability of the chi-square gate on each sighting.
     new_probability : float

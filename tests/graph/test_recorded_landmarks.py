@@ -26,6 +26,16 @@ def test_a_robot_among_barcodes_is_no_worse_than_by_the_filter(recorded_data: Pa
 
 
 @pytest.mark.slow
+@pytest.mark.realdata
+def test_a_robot_that_is_not_told_the_barcodes_is_hardly_worse(recorded_data: Path) -> None:
+    mission = gn.open_mission(recorded_data / "mrclam6" / "Robot4")
+    blind = gn.load_config(None, ["landmarks.use_map=false", "landmarks.association=joint"])
+    errors = gn.evaluate(gn.estimate(mission, "graph", blind)).ate.se2
+    assert errors is not None
+    assert errors.rmse <= 0.2
+
+
+@pytest.mark.slow
 def test_a_mower_among_beacons_finds_how_much_too_long_its_ranges_are() -> None:
     mission = gn.open_mission(Path(gtsam.findExampleDataFile("Plaza2_.mat")))
     solution = gn.estimate(mission, "graph", SLAM)

@@ -103,3 +103,16 @@ def test_a_dvl_with_a_compass_moves_a_vehicle() -> None:
 
 def test_nothing_that_moves_is_no_motion() -> None:
     assert planar_motion(rover(duration_s=5.0).without("odometry"), SETTINGS) is None
+
+
+def test_readings_that_suffice_leave_no_walk_between_them() -> None:
+    mission = rover(0, duration_s=20.0)
+    settings = MotionSettings(sigma_yaw_accel_rad_s2=50)
+    walking = planar_motion(mission, settings)
+    told = planar_motion(mission, settings, readings_suffice=True)
+    calm = planar_motion(mission, MotionSettings(sigma_yaw_accel_rad_s2=1e-9))
+    assert walking is not None
+    assert told is not None
+    assert calm is not None
+    np.testing.assert_allclose(told.variance[-1, 2], calm.variance[-1, 2], rtol=1e-3)
+    assert walking.variance[-1, 2] > 1.5 * told.variance[-1, 2]
