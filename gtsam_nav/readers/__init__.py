@@ -79,7 +79,8 @@ def open_mission(
     Parameters
     ----------
     path : Path or str
-        What one of the readers expects: most often a folder, or the stem of a robot's files.
+        What one of the readers expects: most often a folder, or the stem of a robot's files; or a
+        folder that holds one such and no other.
     progress : Progress, optional
         Called as the reading goes on.
     card : Path or str, optional
@@ -92,8 +93,7 @@ def open_mission(
     ConfigError
         Where a card is given for a format that describes itself.
     """
-    place = Path(path)
-    reader = _reader_of(place)
+    reader, place = _located(Path(path))
     if card is None:
         return reader.read(place, progress)
     if not isinstance(reader, DescribingReader):
@@ -112,17 +112,33 @@ def describe(path: Path | str, card: Path | str | None = None) -> Contents | Non
     DataError
         Where no reader knows the path, or it is damaged.
     """
-    reader = _reader_of(Path(path))
+    reader, place = _located(Path(path))
     if not isinstance(reader, DescribingReader):
         return None
-    return reader.describe(Path(path), None if card is None else Path(card))
+    return reader.describe(place, None if card is None else Path(card))
 
 
-def _reader_of(place: Path) -> Reader:
-    for reader in readers():
-        if reader.can_open(place):
-            return reader
+MOST_ENTRIES = 100
+"""Of a folder, in which the mission is looked for where the folder itself is none."""
+
+
+def _located(place: Path) -> tuple[Reader, Path]:
+    """The reader of a path, or of the one mission that lies in it; and what it is to read."""
+    reader = _reader_of(place)
+    if reader is not None:
+        return reader, place
     if not place.exists():
         raise DataError("no such file or folder", place)
+    entries = sorted(place.iterdir())[:MOST_ENTRIES] if place.is_dir() else []
+    inside = [(known, entry) for entry in entries if (known := _reader_of(entry)) is not None]
+    if len(inside) == 1:
+        return inside[0]
+    if inside:
+        names = ", ".join(entry.name for _, entry in inside)
+        raise DataError(f"holds {len(inside)} missions; name one of: {names}", place)
     expected = "; ".join(f"{reader.NAME}: {reader.EXPECTS}" for reader in readers())
     raise DataError(f"not a mission that any reader knows. They expect: {expected}", place)
+
+
+def _reader_of(place: Path) -> Reader | None:
+    return next((reader for reader in readers() if reader.can_open(place)), None)

@@ -10,6 +10,8 @@ import pytest
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.readers import Reader, open_mission, readers
+from gtsam_nav.simulation import simulate
+from gtsam_nav.writers.mission_folder import write_mission
 
 
 @pytest.mark.parametrize("reader", readers(), ids=lambda r: r.NAME)
@@ -26,6 +28,14 @@ def test_an_unknown_path_is_told_what_every_reader_expects(tmp_path: Path) -> No
         open_mission(tmp_path)
     for reader in readers():
         assert reader.EXPECTS in str(caught.value)
+
+
+def test_the_one_mission_in_a_folder_is_opened(tmp_path: Path) -> None:
+    write_mission(simulate("laps", seed=1, duration_s=5.0), tmp_path / "monday")
+    assert open_mission(tmp_path).name == open_mission(tmp_path / "monday").name
+    write_mission(simulate("laps", seed=2, duration_s=5.0), tmp_path / "tuesday")
+    with pytest.raises(DataError, match="holds 2 missions; name one of: monday, tuesday"):
+        open_mission(tmp_path)
 
 
 def test_an_absent_path_is_an_error(tmp_path: Path) -> None:
