@@ -91,6 +91,7 @@ def broken(t: Array, *values: Array) -> list[Array]:
 def save_png(figure: Figure, path: Path) -> Path:
     """Write a figure; the same figure gives the same bytes. Whole or not at all."""
     draft = path.with_name(f".{path.name}.draft")
-    figure.savefig(draft, format="png", facecolor="white")
+    # tight: legends and labels that stand beside the axes are not cut
+    figure.savefig(draft, format="png", facecolor="white", bbox_inches="tight", pad_inches=0.15)
     os.replace(draft, path)  # noqa: PTH105
     return path
