@@ -30,13 +30,12 @@ from gtsam_nav.sensors.prediction import chi2_limit
 from gtsam_nav.sensors.rates import angular_rate_b
 from gtsam_nav.series import DepthSeries, IntArray, OdometrySeries
 from gtsam_nav.solution import Innovations, Progress, Solution, StageClock
-from gtsam_nav.trajectory import Trajectory, record_times
+from gtsam_nav.trajectory import SAME_TIME_S, Trajectory, record_times
 
 START_SIGMA = (10.0, 10.0, 5.0, 1.0)
 """Of u, v, w (m/s) and r (rad/s) before the first measurement; their mean is zero. Wide, since a
 vehicle that is already under way would otherwise be gated out for ever."""
 
-SAME_TIME_S = 1e-6
 VELOCITY_SIZES = slice(2, 4)
 """Places in the gate of measurements of three and four entries: velocities, with a turn rate."""
 

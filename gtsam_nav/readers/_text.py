@@ -131,6 +131,8 @@ def _bunzip(pieces: Iterable[bytes], path: Path) -> Iterator[bytes]:
 def first_lines(path: Path, count: int) -> list[str]:
     """The first lines of a file, to know it by; none where it cannot be read. Never raises."""
     try:
+        if not path.is_file():
+            return []
         head = next(iter(read_chunks(path)), (b"", 0.0))[0]
     except (DataError, OSError, ValueError):
         return []

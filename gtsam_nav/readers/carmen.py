@@ -48,11 +48,6 @@ MALFORMED = "malformed line"
 
 def can_open(path: Path) -> bool:
     """Whether the path is a text file that begins with lines of this kind."""
-    try:
-        if not path.is_file():
-            return False
-    except (OSError, ValueError):
-        return False
     return any(LINE.match(line) for line in first_lines(path, LINES_TO_KNOW_IT_BY))
 
 

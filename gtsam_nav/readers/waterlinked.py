@@ -34,11 +34,6 @@ REPEATED, MALFORMED = "repeated report", "malformed report"
 
 def can_open(path: Path) -> bool:
     """Whether the path is a text file that begins with such reports."""
-    try:
-        if not path.is_file():
-            return False
-    except (OSError, ValueError):
-        return False
     return any(_report(line) is not None for line in first_lines(path, LINES_TO_KNOW_IT_BY))
 
 

@@ -11,8 +11,7 @@ from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.odometry.kiss import CloudTrack
-
-SAME_TIME_S = 1e-6
+from gtsam_nav.trajectory import SAME_TIME_S
 
 
 def cloud_keyframes(problem: Problem, track: CloudTrack) -> dict[int, int]:
