@@ -19,18 +19,17 @@ def iterate(
     cov_ref: Array,
     xy_new: Array,
     cov_new: Array,
-    prior: Array,
-    cov_prior: Array,
+    start: Array,
+    cov_gate: Array,
+    shrink: float,
     gate: float,
     max_iterations: int,
-    shrink: float,
-    scale_floor: float,
     cauchy_k: float,
     nearest: bool,
     converged_m: float,
     converged_rad: float,
 ) -> tuple[Array, int, int]:
-    """Associate and solve until the pose settles.
+    """Associate and solve until a step is small; each shrinks the start's part in the gate.
 
     Returns
     -------
@@ -39,14 +38,17 @@ def iterate(
         Points with a partner in the last iteration.
     iterations : int
     """
-    q = prior.copy()
+    order = np.argsort(xy_ref[:, 0])
+    xy_ref, cov_ref = xy_ref[order], cov_ref[order]
+    widest = np.max(cov_ref[:, 0, 0])
+    q, P = start.copy(), cov_gate.copy()
     H, g = np.zeros((3, 3)), np.zeros(3)
-    scale, paired, iteration = 1.0, 0, 0
+    paired, iteration = 0, 0
     for _ in range(max_iterations):
         iteration += 1
         H[:], g[:] = 0.0, 0.0
         paired = _accumulate(
-            xy_ref, cov_ref, xy_new, cov_new, q, cov_prior * scale, gate, cauchy_k, nearest, H, g
+            xy_ref, cov_ref, widest, xy_new, cov_new, q, P, gate, cauchy_k, nearest, H, g
         )
         step, solvable = _solve3(H, g)
         if not solvable:
@@ -54,10 +56,9 @@ def iterate(
         q[0] += step[0]
         q[1] += step[1]
         q[2] = (q[2] + step[2] + math.pi) % (2 * math.pi) - math.pi
-        settled = math.hypot(step[0], step[1]) < converged_m and abs(step[2]) < converged_rad
-        if settled and scale <= scale_floor:
+        if math.hypot(step[0], step[1]) < converged_m and abs(step[2]) < converged_rad:
             break
-        scale = max(scale * shrink, scale_floor)
+        P *= shrink
     return q, paired, iteration
 
 
@@ -65,6 +66,7 @@ def iterate(
 def _accumulate(
     xy_ref: Array,
     cov_ref: Array,
+    widest: float,
     xy_new: Array,
     cov_new: Array,
     q: Array,
@@ -75,7 +77,10 @@ def _accumulate(
     H: Array,
     g: Array,
 ) -> int:
-    """Add every paired point to the normal equations; returns how many there are."""
+    """Add every paired point to the normal equations; returns how many there are.
+
+    Reference points come sorted by x; the widest of their variances there tells how far to look.
+    """
     c, s = math.cos(q[2]), math.sin(q[2])
     paired = 0
     for i in range(len(xy_new)):
@@ -92,10 +97,13 @@ def _accumulate(
         gxy = cxy + P[0, 1] + tx * P[0, 2] - ty * P[1, 2] - tx * ty * P[2, 2]
         sw = mx = my = vxx = vxy = vyy = 0.0
         best = gate
-        for j in range(len(xy_ref)):
+        # the Mahalanobis distance is at least e_x^2 / s_xx, and likewise in y
+        reach = math.sqrt(gate * (gxx + widest))
+        for j in range(np.searchsorted(xy_ref[:, 0], px - reach), len(xy_ref)):
             ex, ey = xy_ref[j, 0] - px, xy_ref[j, 1] - py
+            if ex > reach:
+                break
             sxx, syy = gxx + cov_ref[j, 0, 0], gyy + cov_ref[j, 1, 1]
-            # the Mahalanobis distance is at least e_x^2 / s_xx, and likewise in y
             if ex * ex >= best * sxx or ey * ey >= best * syy:
                 continue
             sxy = gxy + cov_ref[j, 0, 1]
