@@ -20,6 +20,7 @@ def iterate(
     xy_new: Array,
     cov_new: Array,
     start: Array,
+    pull: Array,
     cov_gate: Array,
     shrink: float,
     gate: float,
@@ -30,6 +31,8 @@ def iterate(
     converged_rad: float,
 ) -> tuple[Array, int, int]:
     """Associate and solve until a step is small; each shrinks the start's part in the gate.
+
+    The pull, shape (3, 3), is the information with which the start holds the pose back.
 
     Returns
     -------
@@ -46,7 +49,9 @@ def iterate(
     paired, iteration = 0, 0
     for _ in range(max_iterations):
         iteration += 1
-        H[:], g[:] = 0.0, 0.0
+        back = start - q
+        back[2] = (back[2] + math.pi) % (2 * math.pi) - math.pi
+        H[:], g[:] = pull, pull @ back
         paired = _accumulate(
             xy_ref, cov_ref, widest, xy_new, cov_new, q, P, gate, cauchy_k, nearest, H, g
         )

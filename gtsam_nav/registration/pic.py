@@ -7,7 +7,7 @@ form of Haralick (1998) and Censi (2007), with walls telling about the pose acro
 NumPy, and the oracle of its tests.
 
 Few points of both scans search, in a gate as wide as the prior is unsure that closes step by step;
-then all points settle the pose.
+what they leave open stays where the prior has it. Then all points settle the pose without it.
 """
 
 from __future__ import annotations
@@ -25,16 +25,22 @@ from gtsam_nav.sonar.scans import Scan, planar_rotations
 CONVERGED_M, CONVERGED_RAD = 1e-3, 1e-4
 PLANAR = [3, 4, 2]
 """Forward, starboard and yaw in a relative pose's turn and shift."""
-SEARCH_END_SCALE, SETTLE_SCALE = 0.03, 1e-3
-"""Share of the prior covariance in the gate at the end of the search, and while settling."""
+SEARCH_END_SCALE = 0.1
+"""The share of the prior covariance in the gate with which the search ends."""
+SETTLING_SHRINK = 0.3
+"""While the pose settles, the prior's part in the gate shrinks at this rate."""
 
 
 @dataclass(frozen=True)
 class Phase:
-    """A round of associating and solving, until a step is smaller than the tolerances."""
+    """A round of associating and solving, until a step is smaller than the tolerances.
+
+    The pull is the information with which the pose at its start holds it back.
+    """
 
     reference: Scan
     new: Scan
+    pull: Array
     cov_gate: Array
     shrink: float
     gate: float
@@ -85,6 +91,7 @@ def register(
             phase.new.xy,
             phase.new.cov,
             q,
+            phase.pull,
             phase.cov_gate,
             phase.shrink,
             phase.gate,
@@ -137,13 +144,15 @@ def register_readable(
         return _failed(prior, cov_prior, "fewer than three points")
     q = np.array(prior, dtype=float)
     for phase in _phases(reference, new, cov_prior, settings):
-        cov_gate = phase.cov_gate
+        start, cov_gate = q, phase.cov_gate
         for iterations in range(1, phase.max_iterations + 1):  # noqa: B007
             pairing = associate(
                 phase.reference, phase.new, q, cov_gate, phase.gate, settings.association
             )
             overlap = float(pairing.paired.mean())
             H, gradient = normal_equations(phase.new, q, pairing, settings.cauchy_k)
+            back = np.array([*(start - q)[:2], wrap_angle(start[2] - q[2])])
+            H, gradient = H + phase.pull, gradient + phase.pull @ back
             if np.linalg.det(H) <= 0:
                 break
             step = np.linalg.solve(H, gradient)
@@ -161,17 +170,27 @@ def _phases(
     """The search and the settling."""
     cov = np.asarray(cov_prior, dtype=float)
     steps = int(np.ceil(np.log(SEARCH_END_SCALE) / np.log(settings.shrink)))
-    few = (_thinned(scan, settings.search_points) for scan in (reference, new))
-    search = Phase(*few, cov, settings.shrink, settings.search_gate, steps, 0.0, 0.0)
+    search = Phase(
+        reference=_thinned(reference, settings.search_points),
+        new=_thinned(new, settings.search_points),
+        pull=np.linalg.inv(cov),
+        cov_gate=cov,
+        shrink=settings.shrink,
+        gate=settings.search_gate,
+        max_iterations=steps,
+        converged_m=0.0,
+        converged_rad=0.0,
+    )
     return search, Phase(
-        reference,
-        new,
-        SETTLE_SCALE * cov,
-        1.0,
-        settings.gate,
-        settings.max_iterations,
-        CONVERGED_M,
-        CONVERGED_RAD,
+        reference=reference,
+        new=new,
+        pull=np.zeros((3, 3)),
+        cov_gate=settings.shrink**steps * cov,
+        shrink=SETTLING_SHRINK,
+        gate=settings.gate,
+        max_iterations=settings.max_iterations,
+        converged_m=CONVERGED_M,
+        converged_rad=CONVERGED_RAD,
     )
 
 

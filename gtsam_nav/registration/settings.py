@@ -36,10 +36,10 @@ class PicSettings(Settings):
     """
 
     association: Literal["mean", "nearest"] = "mean"
-    search_points: int = Field(default=50, ge=10)
+    search_points: int = Field(default=80, ge=10)
     search_gate: float = Field(default=9.21, gt=0)
     gate: float = Field(default=5.99, gt=0)
-    shrink: float = Field(default=0.8, gt=0, le=0.95)
+    shrink: float = Field(default=0.7, gt=0, le=0.95)
     max_iterations: int = Field(default=60, ge=1)
     cauchy_k: float = Field(default=1.5, gt=0)
     wall_radius_m: float = Field(default=3.0, gt=0)
