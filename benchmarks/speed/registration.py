@@ -5,7 +5,8 @@ are the processor's, per pair, with everything that a method makes of the points
 trees, voxels. Each repeat draws new starts. The others get, of three distances of correspondence,
 that one with which they succeed most often. GICP takes its covariances from the neighbours of a
 point, which all lie in one plane here and say nothing: it does what ICP does, unless the points
-stand in layers, as walls. pIC's covariances are the sonar's, made with the scan, and not in its time.
+stand in layers, as walls. pIC's covariances are the sonar's, made with the scan, and not in its
+time.
 """
 
 from __future__ import annotations
