@@ -363,7 +363,8 @@ def _cloud_track(
 ) -> tuple[CloudTrack | None, tuple[str, ...]]:
     """Odometry of the clouds, or why they are not used: the other sensors carry the estimate."""
     try:
-        return cloud_odometry(mission, config.kiss, progress), ()
+        track = cloud_odometry(mission, config.kiss, progress)
+        return track, track.warnings if track is not None else ()
     except (EstimationError, PackageError) as error:
         return None, (f"the clouds are not used: {error}",)
 
