@@ -13,8 +13,9 @@ from gtsam_nav.errors import EstimationError, PackageError
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.backend import graph_of
 from gtsam_nav.graph.clocks import Clocks, find_clocks
-from gtsam_nav.graph.cloud_loops import close_cloud_loops, cloud_loop_closures, cloud_loop_edges
+from gtsam_nav.graph.cloud_loops import close_cloud_loops, cloud_loop_closures
 from gtsam_nav.graph.dense import dense_trajectory
+from gtsam_nav.graph.exported import pose_graph
 from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.false_loops import loop_faults
 from gtsam_nav.graph.indeterminacy import check_anchored, states_named
@@ -31,7 +32,6 @@ from gtsam_nav.graph.output import (
     landmark_estimates,
     loop_closures,
     match_rejections,
-    pose_graph,
     slow_states,
     smoothed_covariances,
 )
@@ -142,7 +142,6 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     keyframes = _keyframes(t, values, covariances)
     trajectory = dense_trajectory(problem, values, keyframes)
     points, map_warnings = _map(sonar, track, trajectory, config)
-    edges = cloud_loop_edges(cloud_loops.loops)
     return Solution(
         method="graph",
         trajectory=trajectory,
@@ -177,7 +176,15 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         ),
         slow_states=slow_states(problem, values, covariances, constants),
         clock_offsets=clock_offsets,
-        pose_graph=pose_graph(problem, keyframes, matches, scan_keyframe, edges),
+        pose_graph=pose_graph(
+            problem,
+            keyframes,
+            values,
+            matches,
+            scan_keyframe,
+            cloud_loops.loops,
+            robust.loops,
+        ),
         sonar_map=points,
         scans=registered_scans(mission, sonar) if sonar else None,
         landmarks=landmark_estimates(problem, values, covariances, set(settled.factors.keys())),
