@@ -124,11 +124,11 @@ def inspect(
 ) -> None:
     """Check rates, gaps, clocks, units and signs of a mission; list a bag and print its card."""
     from gtsam_nav.audit import audit
-    from gtsam_nav.cards import with_mission
+    from gtsam_nav.config import checked_card
     from gtsam_nav.readers import describe, open_mission
     from gtsam_nav.tables import finding_table, sensor_table, stream_table
 
-    card = with_mission(config)
+    card = checked_card(config)
     contents = describe(mission, card)
     if contents is not None and not as_json:
         show(stream_table(contents), "")
@@ -143,8 +143,7 @@ def inspect(
     show(
         sensor_table(found),
         "",
-        finding_table(found.findings),
-        "",
+        *([finding_table(found.findings), ""] if found.findings else []),
         f"span {found.span_s[0]:.1f} to {found.span_s[1]:.1f} s{rest}",
         f"methods that can run: {', '.join(found.methods) or 'none'}",
     )
@@ -387,13 +386,14 @@ def convert(
     quiet: QuietOption = False,
 ) -> None:
     """Write a mission of any format as a mission folder."""
-    from gtsam_nav.cards import with_mission
+    from gtsam_nav.config import checked_card
     from gtsam_nav.readers import open_mission
     from gtsam_nav.writers.mission_folder import write_mission
 
+    card = checked_card(config)
     settle_output(out.parent)
     with progress_bars(quiet) as progress:
-        opened = open_mission(mission, progress, with_mission(config))
+        opened = open_mission(mission, progress, card)
     write_mission(opened, out)
     start, stop = opened.span_s
     show(f"mission '{opened.name}', {stop - start:.1f} s: {out}")

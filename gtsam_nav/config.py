@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
-from gtsam_nav.cards import MISSION_SECTION
+from gtsam_nav.cards import MISSION_SECTION, with_mission
 from gtsam_nav.ekf.settings import (
     DeadReckoningSettings,
     InsSettings,
@@ -79,6 +79,18 @@ def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> Conf
     return _validated(tree, overrides, path)
 
 
+def checked_card(path: Path | None) -> Path | None:
+    """The file of settings again where it holds a mission's card.
+
+    Raises
+    ------
+    ConfigError
+        Where its settings are not in order, even if nobody uses them.
+    """
+    load_config(path)
+    return with_mission(path)
+
+
 def override_config(config: Config, overrides: Sequence[str]) -> Config:
     """A configuration with ``key=value`` overrides, as those of `load_config`.
 
@@ -127,5 +139,7 @@ def _explain(error: ValidationError, path: Path | None) -> str:
     section: Any = Config()
     for part in location[:-1]:
         section = getattr(section, part)
-    choices = ", ".join(type(section).model_fields)
-    return f"{where}unknown config key '{key}'; the choices are: {choices}"
+    choices = list(type(section).model_fields)
+    if path is not None and len(location) == 1:
+        choices.append(f"{MISSION_SECTION} (a mission's card: its sensors stand there)")
+    return f"{where}unknown config key '{key}'; the choices are: {', '.join(choices)}"

@@ -141,6 +141,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         covariances = _covariances(problem, graph, refined)
     keyframes = _keyframes(t, values, covariances)
     trajectory = dense_trajectory(problem, values, keyframes)
+    exported = pose_graph(problem, values, matches, scan_keyframe, cloud_loops.loops, robust.loops)
     points, map_warnings = _map(sonar, track, trajectory, config)
     return Solution(
         method="graph",
@@ -176,15 +177,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         ),
         slow_states=slow_states(problem, values, covariances, constants),
         clock_offsets=clock_offsets,
-        pose_graph=pose_graph(
-            problem,
-            keyframes,
-            values,
-            matches,
-            scan_keyframe,
-            cloud_loops.loops,
-            robust.loops,
-        ),
+        pose_graph=exported,
         sonar_map=points,
         scans=registered_scans(mission, sonar) if sonar else None,
         landmarks=landmark_estimates(problem, values, covariances, set(settled.factors.keys())),

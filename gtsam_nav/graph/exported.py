@@ -21,7 +21,7 @@ from typing import Any
 import gtsam
 import numpy as np
 
-from gtsam_nav.frames import Array, rotation_from_rpy
+from gtsam_nav.frames import Array, quaternion_from_rotation, rotation_from_rpy
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.cloud_loops import CloudLoop, loop_weight
 from gtsam_nav.graph.factors import X
@@ -30,7 +30,6 @@ from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.graph.scan_matching import ScanMatch
 from gtsam_nav.series import IntArray
 from gtsam_nav.solution import PoseGraph, PoseGraphEdge
-from gtsam_nav.trajectory import Trajectory
 
 UNKNOWN = 1e-6
 """Information of what a planar match says nothing about, 1/rad^2 and 1/m^2."""
@@ -38,7 +37,6 @@ UNKNOWN = 1e-6
 
 def pose_graph(
     problem: Problem,
-    keyframes: Trajectory,
     values: Any,
     matches: list[ScanMatch],
     scan_keyframe: IntArray,
@@ -56,9 +54,14 @@ def pose_graph(
         for loop in cloud_loops
         if loop.accepted
     ]
+    poses = [values.atNavState(X(k)).pose() for k in range(len(problem.t))]
     motion = [_motion_information(problem, k) for k in range(1, len(problem.t))]
-    chain = balanced_chain(keyframes, motion, joined)
-    return PoseGraph(keyframes.t, keyframes.p_n, keyframes.q_nb_wxyz, (*chain, *joined))
+    return PoseGraph(
+        t=problem.t,
+        p_n=np.array([pose.translation() for pose in poses]),
+        q_nb_wxyz=quaternion_from_rotation(np.array([p.rotation().matrix() for p in poses])),
+        edges=(*balanced_chain(poses, motion, joined), *joined),
+    )
 
 
 def match_weight(
@@ -71,16 +74,13 @@ def match_weight(
 
 
 def balanced_chain(
-    keyframes: Trajectory, information: list[Array], joined: list[PoseGraphEdge]
+    poses: list[Any], information: list[Array], joined: list[PoseGraphEdge]
 ) -> list[PoseGraphEdge]:
-    """Edges between neighbours under which the other edges leave the keyframes where they are.
+    """Edges between neighbours under which the other edges leave the poses where they are.
 
-    From the last keyframe on, an edge holds all the gradient that the edges beyond and across it
+    From the last pose on, an edge holds all the gradient that the edges beyond and across it
     have there: ``z = T_ab Exp(I^-1 g_b)``, and what it passes on is ``g_a + Ad(T_ba)' g_b``.
     """
-    poses = [
-        gtsam.Pose3(gtsam.Rot3(R), p) for R, p in zip(keyframes.R_nb, keyframes.p_n, strict=True)
-    ]
     pull = _gradients(poses, joined)
     chain = []
     for b in range(len(poses) - 1, 0, -1):

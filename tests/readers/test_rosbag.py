@@ -370,6 +370,22 @@ def test_numbers_become_depths_by_the_card(tmp_path: Path) -> None:
     np.testing.assert_allclose(depth.depth_m, 0.77)
 
 
+@pytest.mark.parametrize(
+    ("entry", "said"),
+    [
+        ({}, "lacks scale and offset_m: depth = scale"),
+        ({"scale": 0.01}, "lacks offset_m"),
+        ({"scale": 0.01, "offset_m": 0.0, "stamp": "header"}, "have no header; .* are: log"),
+    ],
+)
+def test_bare_numbers_are_no_metres_unless_a_card_says_so(
+    tmp_path: Path, entry: dict[str, Any], said: str
+) -> None:
+    name = "std_msgs/msg/Float64"
+    with pytest.raises(DataError, match=f"'depth': .*'/counts'.* {said}"):
+        read_one(tmp_path, "/counts", name, "depth", lambda _: {"data": 177.0}, **entry)
+
+
 def test_what_a_message_says_it_does_not_have_is_counted(tmp_path: Path) -> None:
     name = "sensor_msgs/msg/NavSatFix"
 
