@@ -11,12 +11,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from gtsam_nav.cli_batch import batch
-from gtsam_nav.cli_options import ConfigOption, JsonOption, QuietOption, SetOption
+from gtsam_nav.cli_export import export
+from gtsam_nav.cli_options import (
+    ConfigOption,
+    ForceOption,
+    FrameOption,
+    JsonOption,
+    QuietOption,
+    SetOption,
+)
 from gtsam_nav.errors import ConfigError, DataError, EstimationError, GtsamNavError, OutputError
 from gtsam_nav.terminal import progress_bars, say, show, show_json
 
@@ -25,7 +33,6 @@ if TYPE_CHECKING:
     from gtsam_nav.mission import Mission
     from gtsam_nav.simulation import Fault
     from gtsam_nav.solution import Progress, Solution
-    from gtsam_nav.writers.frame import Frame
 
 logger = logging.getLogger(__name__)
 
@@ -37,7 +44,8 @@ app = typer.Typer(
 )
 config_app = typer.Typer(no_args_is_help=True, help="The configuration.")
 app.add_typer(config_app, name="config")
-app.command()(batch)
+for command in (batch, export):
+    app.command()(command)
 
 MissionArgument = Annotated[Path, typer.Argument(metavar="MISSION", help="Mission folder or logs.")]
 OutOption = Annotated[
@@ -57,7 +65,6 @@ InjectOption = Annotated[
         help="Spoil what the methods see, as in gnss:outliers=0.3 or dvl:drop=300:420; repeatable.",
     ),
 ]
-FrameOption = Annotated[str, typer.Option(metavar="FRAME", help="Axes of files: ned or enu.")]
 
 
 @app.callback()
@@ -366,11 +373,13 @@ def simulate(
     duration: Annotated[
         float | None, typer.Option(metavar="S", help="Length; the scenario's own where not given.")
     ] = None,
+    force: ForceOption = False,
 ) -> None:
     """Write a simulated mission as a mission folder."""
     from gtsam_nav.simulation import simulate as simulated
-    from gtsam_nav.writers.mission_folder import write_mission
+    from gtsam_nav.writers.mission_folder import check_free, write_mission
 
+    check_free(out, force)
     settle_output(out.parent)
     mission = simulated(name, seed, duration)
     write_mission(mission, out)
@@ -383,48 +392,26 @@ def convert(
     mission: MissionArgument,
     out: Annotated[Path, typer.Option(metavar="FOLDER", help="Mission folder to write.")],
     config: ConfigOption = None,
+    force: ForceOption = False,
     quiet: QuietOption = False,
 ) -> None:
     """Write a mission of any format as a mission folder."""
     from gtsam_nav.config import checked_card
     from gtsam_nav.readers import open_mission
-    from gtsam_nav.writers.mission_folder import write_mission
+    from gtsam_nav.writers.mission_folder import check_free, write_mission
 
     card = checked_card(config)
+    check_free(out, force)
     settle_output(out.parent)
     with progress_bars(quiet) as progress:
         opened = open_mission(mission, progress, card)
     write_mission(opened, out)
     start, stop = opened.span_s
     show(f"mission '{opened.name}', {stop - start:.1f} s: {out}")
+    for (sensor, reason), n in opened.dropped.items():
+        show(f"dropped: {sensor}: {n} x {reason}")
     for warning in opened.warnings:
         say(f"warning: {warning}")
-
-
-@app.command()
-def export(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="DIR/METHOD, or DIR for all in it.")],
-    to: Annotated[
-        str, typer.Option(metavar="FORMATS", help="Of tum,kitti,g2o,nav,geojson,kml,ply.")
-    ],
-    frame: FrameOption = "ned",
-) -> None:
-    """Write finished runs in other formats."""
-    from gtsam_nav.writers.exports import export_run
-    from gtsam_nav.writers.run_folder import find_runs
-
-    folders, formats = find_runs(run), to.split(",")
-    for folder in folders:
-        for name in formats:
-            try:
-                paths = export_run(folder, [name], cast("Frame", frame))
-            except DataError as error:
-                # among several runs one may lack what another has
-                if len(folders) == 1:
-                    raise
-                say(f"warning: {error}")
-                continue
-            show(*map(str, paths))
 
 
 @config_app.command("dump")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -167,6 +168,11 @@ class Mission:
         if not series:
             return 0.0, 0.0
         return min(float(s.t[0]) for s in series), max(float(s.t[-1]) for s in series)
+
+    @property
+    def dropped(self) -> dict[tuple[str, str], int]:
+        """How many samples the reader dropped, by sensor and reason."""
+        return dict(sorted(Counter((r.sensor, r.reason) for r in self.rejections).items()))
 
     @property
     def sonar_kind(self) -> SonarKind | None:

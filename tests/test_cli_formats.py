@@ -106,6 +106,15 @@ def test_convert_writes_a_folder_that_reads_back(bag: Path, tmp_path: Path) -> N
         np.testing.assert_array_equal(sensor.series.t, two.sensors[name].series.t)
 
 
+def test_convert_counts_what_it_drops(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "depth.csv").write_text("t,depth_m\n0,1\n1,nan\n2,nan\n3,2\n4,2\n5,2\n6,2\n")
+    (tmp_path / "card.yaml").write_text("mission: {sensors: {depth: {file: depth.csv}}}")
+    source, folder = tmp_path / "depth.csv", tmp_path / "folder"
+    assert run_main("convert", source, "-c", tmp_path / "card.yaml", "--out", folder) == 0
+    assert "dropped: depth: 2 x non-finite depth_m" in capsys.readouterr().out
+    assert open_mission(folder).dropped == {("depth", "non-finite depth_m"): 2}
+
+
 def test_convert_refuses_what_is_no_mission(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -29,6 +29,7 @@ ROS1, STORAGES = ".bag", (".db3", ".mcap")
 TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 HEADER = "std_msgs/msg/Header"
 
+MAGIC = {".bag": b"#ROSBAG V", ".db3": b"SQLite format 3", ".mcap": b"\x89MCAP0"}
 REPAIR = (
     "a bag that was cut off or never closed can be repaired with 'rosbag reindex' (ROS 1),"
     " 'ros2 bag reindex' or 'mcap recover'"
@@ -134,6 +135,15 @@ class Bag:
     def duration_s(self) -> float:
         """From the first to the last message, s."""
         return self._reader.duration * 1e-9 if self._reader.message_count else 0.0
+
+    @property
+    def spans_ns(self) -> list[tuple[int, int, Path]]:
+        """Start, end and path of each file that holds messages, in the order of their starts."""
+        return sorted(
+            (part.start_time, part.end_time, Path(part.path))
+            for part in self._reader.readers
+            if part.message_count
+        )
 
     @property
     def is_posix(self) -> bool:
@@ -244,6 +254,20 @@ def bag_paths(path: Path) -> tuple[Path, ...]:
     return ros1 or tuple(p for p in files if p.suffix in STORAGES)
 
 
+def _remedy(paths: tuple[Path, ...]) -> str:
+    """What helps with a bag that does not open."""
+    for path in paths:
+        magic = MAGIC.get(path.suffix)
+        with suppress(OSError):
+            if magic is None:
+                continue
+            with path.open("rb") as stream:
+                begin = stream.read(len(magic))
+            if begin != magic:
+                return f"; {path.name} " + ("does not begin like one" if begin else "is empty")
+    return f"; {REPAIR}"
+
+
 @contextmanager
 def open_bag(path: Path) -> Iterator[Bag]:
     """Open a bag, or the files of one.
@@ -266,7 +290,7 @@ def open_bag(path: Path) -> Iterator[Bag]:
         reader.open()
     except Exception as error:  # rosbags raises whatever the damage leads to
         reason = " ".join(str(error).split())[:300] or type(error).__name__
-        raise DataError(f"the bag cannot be opened: {reason}; {REPAIR}", path) from error
+        raise DataError(f"the bag cannot be opened: {reason}{_remedy(paths)}", path) from error
     try:
         known = reader.typestore.fielddefs
         spare = {**standard.fielddefs, **ours}

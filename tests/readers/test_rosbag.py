@@ -146,6 +146,16 @@ def test_several_ros1_files_are_one_bag(tmp_path: Path) -> None:
     assert {p.name for p in two.sources} == {"a.bag", "b.bag"}
 
 
+def test_bags_of_several_outings_are_several_missions(tmp_path: Path) -> None:
+    m = Messages("ros1")
+    later = [("/imu/data", IMU, 500.0 + 0.1 * k, m.imu(500.0 + 0.1 * k)) for k in range(30)]
+    write_bag(tmp_path / "a", "ros1", still(m))
+    write_bag(tmp_path / "b", "ros1", later)
+    for reads in (open_mission, describe):
+        with pytest.raises(DataError, match=r"holds 2 missions.*name one.*: a\.bag; b\.bag"):
+            reads(tmp_path)
+
+
 def still(m: Messages, topic: str = "/imu/data", n: int = 30, **given: Any) -> list[Message]:
     """An IMU at 10 Hz."""
     return [(topic, IMU, 0.1 * k, m.imu(0.1 * k, **given)) for k in range(n)]
@@ -414,13 +424,17 @@ def test_a_bag_that_is_cut_off_is_an_error_with_a_remedy(
     file = path if path.is_file() else next(p for p in path.iterdir() if p.suffix != ".yaml")
     whole = file.read_bytes()
     file.write_bytes(whole[: int(share * len(whole))])
-    with pytest.raises(DataError, match=r"(damaged|cannot be opened).*reindex"):
+    remedy = "reindex" if share else "is empty"
+    with pytest.raises(DataError, match=f"(damaged|cannot be opened).*{remedy}"):
         open_mission(path)
 
 
 def test_bytes_that_are_no_bag(tmp_path: Path) -> None:
     (tmp_path / "x.bag").write_bytes(b"#ROSBAG V2.0\n" + bytes(range(256)) * 20)
     with pytest.raises(DataError, match="cannot be opened"):
+        open_mission(tmp_path / "x.bag")
+    (tmp_path / "x.bag").write_text("a letter to my bank")
+    with pytest.raises(DataError, match=r"does not begin like one$"):
         open_mission(tmp_path / "x.bag")
 
 
