@@ -256,13 +256,11 @@ def bag_paths(path: Path) -> tuple[Path, ...]:
 
 def _remedy(paths: tuple[Path, ...]) -> str:
     """What helps with a bag that does not open."""
-    for path in paths:
-        magic = MAGIC.get(path.suffix)
-        with suppress(OSError):
-            if magic is None:
-                continue
-            with path.open("rb") as stream:
-                begin = stream.read(len(magic))
+    files = [f for path in paths for f in (path.iterdir() if path.is_dir() else [path])]
+    for path in sorted(f for f in files if f.suffix in MAGIC):
+        magic = MAGIC[path.suffix]
+        with suppress(OSError), path.open("rb") as stream:
+            begin = stream.read(len(magic))
             if begin != magic:
                 return f"; {path.name} " + ("does not begin like one" if begin else "is empty")
     return f"; {REPAIR}"
