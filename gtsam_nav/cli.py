@@ -150,7 +150,10 @@ def inspect(
     show(
         sensor_table(found),
         "",
-        *([finding_table(found.findings), ""] if found.findings else []),
+    )
+    if found.findings:
+        show(finding_table(found.findings), "")
+    show(
         f"span {found.span_s[0]:.1f} to {found.span_s[1]:.1f} s{rest}",
         f"methods that can run: {', '.join(found.methods) or 'none'}",
     )

@@ -51,12 +51,12 @@ class Config(Settings):
         return yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False)
 
 
-def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> Config:
+def load_config(path: Path | str | None = None, overrides: Sequence[str] = ()) -> Config:
     """Read a configuration file and apply ``key=value`` overrides.
 
     Parameters
     ----------
-    path : Path, optional
+    path : Path or str, optional
         YAML; what it does not name keeps its default.
     overrides : sequence of str
         ``gnss.use=window`` and the like; values are read as YAML.
@@ -67,6 +67,7 @@ def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> Conf
         Where the file is not YAML, or a key is unknown, or a value is out of range.
     """
     tree: dict[str, Any] = {}
+    path = None if path is None else Path(path)
     if path is not None:
         try:
             loaded = yaml.safe_load(path.read_text(encoding="utf-8"))

@@ -146,6 +146,11 @@ class Mission:
     warnings: tuple[str, ...] = ()
     sources: tuple[Path, ...] = ()
 
+    def __repr__(self) -> str:
+        start, stop = self.span_s
+        held = ", ".join(f"{name}: {len(s.series)}" for name, s in self.sensors.items())
+        return f"Mission('{self.name}', {start:.1f} to {stop:.1f} s, samples: {held or 'none'})"
+
     def of_type(self, sensor_type: str) -> list[Sensor]:
         """All sensors of a type that hold samples, in the mission's order."""
         return [s for s in self.sensors.values() if s.type == sensor_type and len(s.series)]

@@ -18,7 +18,7 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 
 LAYERS = (
     {"cli"},
-    {"cli_batch"},
+    {"cli_batch", "cli_export"},
     {"tables", "terminal", "cli_options"},
     {"methods", "audit", "batch", "doctor"},
     {"graph", "ekf", "evaluation", "readers", "writers", "preprocess", "simulation", "cards"}

@@ -24,7 +24,7 @@ from gtsam_nav.evaluation.statistics import (
     StartStatistics,
 )
 from gtsam_nav.frames import Array, wrap_angle
-from gtsam_nav.mission import Sensor, SonarKind
+from gtsam_nav.mission import Mission, Sensor, SonarKind
 from gtsam_nav.series import ReferenceSeries
 from gtsam_nav.solution import ClockOffset, Solution
 from gtsam_nav.trajectory import MAX_GAP_S, Trajectory
@@ -45,6 +45,15 @@ class LoopCounts:
     proposed: int = 0
     accepted: int = 0
     rejected: int = 0
+
+
+WHY_NONE = {
+    "none": "the estimate is in a local frame, not in the reference's",
+    "start": "the reference never leaves its first 30 m",
+    "se2": "the reference has too few points apart",
+    "se3": "the reference has too few points apart",
+}
+"""Why an error is not there although something is scored."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,6 +109,8 @@ class TrajectoryMetrics:
         return metrics
 
     def __str__(self) -> str:
+        if self.coverage is None:
+            return "no score: nothing to score on (no reference, no withheld fix)"
         return "\n".join(self._lines())
 
     def _lines(self) -> list[str]:
@@ -107,7 +118,7 @@ class TrajectoryMetrics:
         for name in ALIGNMENTS:
             e: ErrorStatistics | None = getattr(self.ate, name)
             figures = (
-                "-"
+                f"-  ({WHY_NONE[name]})"
                 if e is None
                 else f"mean {e.mean:.2f}  rmse {e.rmse:.2f}  p95 {e.p95:.2f}  max {e.max:.2f} m"
             )
@@ -154,7 +165,7 @@ class Metrics(TrajectoryMetrics):
 
 def evaluate(
     solution: Solution,
-    reference: Sensor | None = None,
+    reference: Sensor | Mission | None = None,
     window_s: tuple[float, float] | None = None,
 ) -> Metrics:
     """Score a solution.
@@ -162,9 +173,9 @@ def evaluate(
     Parameters
     ----------
     solution : Solution
-    reference : Sensor, optional
-        Of type ``reference``; None takes the solution's own: the mission's reference, or else the
-        fixes that the GNSS policy withheld.
+    reference : Sensor or Mission, optional
+        Of type ``reference``, or a mission that carries one; None takes the solution's own: the
+        mission's reference, or else the fixes that the GNSS policy withheld.
     window_s : (float, float), optional
         Half-open span of mission time that is scored.
 
@@ -173,6 +184,8 @@ def evaluate(
     Metrics
         Every score is None where there is nothing to score on.
     """
+    if isinstance(reference, Mission):
+        reference = reference.reference
     reference = reference or solution.reference
     scores, ate_online = TrajectoryMetrics(), None
     if reference is not None:

@@ -22,7 +22,7 @@ from gtsam_nav.evaluation.metrics import LEAST_COVERAGE, Metrics, evaluate
 from gtsam_nav.evaluation.page import asset, page_document, script
 from gtsam_nav.evaluation.page.columns import Document
 from gtsam_nav.evaluation.page.skeleton import embedded, policy, sonar_viewer, workbench
-from gtsam_nav.solution import Solution
+from gtsam_nav.solution import Solution, listed
 from gtsam_nav.writers.run_folder import RECORD
 from gtsam_nav.writers.run_record import RunRecord, read_record
 
@@ -63,7 +63,7 @@ class _Report:
 
 
 def write_report(
-    solutions: Sequence[Solution], out: Path | str, config: Config | None = None
+    solutions: Solution | Sequence[Solution], out: Path | str, config: Config | None = None
 ) -> Path:
     """Write ``out/report.html`` and ``out/plots/*.png``: all solutions of a mission side by side.
 
@@ -71,7 +71,7 @@ def write_report(
 
     Parameters
     ----------
-    solutions : sequence of Solution
+    solutions : Solution or sequence of Solution
         Of one mission.
     out : Path or str
         Made where it is missing.
@@ -90,6 +90,7 @@ def write_report(
     ValueError
         Without a solution.
     """
+    solutions = listed(solutions)
     if not solutions:
         raise ValueError("a report needs at least one solution")
     folder = Path(out)

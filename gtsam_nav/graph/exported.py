@@ -108,8 +108,8 @@ def _gradients(poses: list[Any], edges: list[PoseGraphEdge]) -> Array:
 
 def _motion_information(problem: Problem, k: int) -> Array:
     """Of the motion sensors from keyframe k - 1 to k."""
-    start, stop = float(problem.t[k - 1]), float(problem.t[k])
-    yaw_variance = problem.motion.yaw_variance_rad2_s * (stop - start)
+    start, stop = problem.t[k - 1], problem.t[k]
+    yaw_variance = problem.motion.yaw_variance_rad2_s * float(stop - start)
     position_variance = float(problem.motion.displacement_variance(start, stop))
     return np.diag(1.0 / np.array([yaw_variance] * 3 + [position_variance] * 3))
 
@@ -129,4 +129,5 @@ def _planar_edge(m: ScanMatch, scan_keyframe: IntArray, weight: float) -> PoseGr
 
 def _cloud_edge(loop: CloudLoop, weight: float) -> PoseGraphEdge:
     pose = loop.match.pose
-    return PoseGraphEdge(loop.a, loop.b, pose.R_ab, pose.p_a, weight * np.linalg.inv(pose.cov))
+    information = (weight * np.linalg.inv(pose.cov)).astype(float)
+    return PoseGraphEdge(loop.a, loop.b, pose.R_ab, pose.p_a, information)

@@ -137,10 +137,10 @@ class Bag:
         return self._reader.duration * 1e-9 if self._reader.message_count else 0.0
 
     @property
-    def spans_ns(self) -> list[tuple[int, int, Path]]:
-        """Start, end and path of each file that holds messages, in the order of their starts."""
+    def spans_ns(self) -> list[tuple[int, int, str]]:
+        """Start, end and name of each file that holds messages, in the order of their starts."""
         return sorted(
-            (part.start_time, part.end_time, Path(part.path))
+            (part.start_time, part.end_time, part.path.name)
             for part in self._reader.readers
             if part.message_count
         )

@@ -15,11 +15,11 @@ def check_one_recording(bag: Bag, place: Path) -> None:
     """Raise a DataError where the files of a folder are recordings of several outings."""
     end_ns = None
     outings: list[list[str]] = []
-    for start, end, path in bag.spans_ns:
+    for start, end, name in bag.spans_ns:
         if end_ns is None or start - end_ns > APART_S * 1e9:
             outings.append([])
             end_ns = end
-        outings[-1].append(path.name)
+        outings[-1].append(name)
         end_ns = max(end_ns, end)
     if len(outings) > 1:
         names = "; ".join(" + ".join(parts) for parts in outings)
