@@ -99,7 +99,8 @@ def open_mission(
     if not isinstance(reader, DescribingReader):
         takers = ", ".join(r.NAME for r in readers() if isinstance(r, DescribingReader))
         raise ConfigError(
-            f"{card}: the section 'mission' is for a {takers}; {place} is a {reader.NAME}"
+            f"{card}: the section 'mission' is for a {takers}; {place} is a {reader.NAME}:"
+            " 'gtsam-nav convert' makes a folder whose mission.yaml takes mountings and noise"
         )
     return reader.read(place, progress, Path(card))
 

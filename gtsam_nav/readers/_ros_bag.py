@@ -140,7 +140,7 @@ class Bag:
     def spans_ns(self) -> list[tuple[int, int, str]]:
         """Start, end and name of each file that holds messages, in the order of their starts."""
         return sorted(
-            (part.start_time, part.end_time, part.path.name)
+            (part.start_time, part.end_time, Path(str(part.path)).name)
             for part in self._reader.readers
             if part.message_count
         )
