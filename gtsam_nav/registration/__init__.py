@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import logging
 from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Protocol
 
 from gtsam_nav.errors import ConfigError
-
-log = logging.getLogger(__name__)
 
 if TYPE_CHECKING:
     from gtsam_nav.frames import Array
@@ -37,9 +34,6 @@ class _Method:
     settings: str
     planar: bool = False
 
-
-MANY_PAIRS = 10_000_000
-"""Of points, from which on comparing all of them takes long."""
 
 _METHODS = {
     "pic": _Method("pic", "register_points", "PicSettings", planar=True),
@@ -86,13 +80,6 @@ def register(
             f"unknown registration '{method}'; the choices are: {', '.join(_METHODS)}"
         )
     chosen = _METHODS[method]
-    if chosen.planar and len(reference) * len(new) > MANY_PAIRS:
-        log.warning(
-            "%s compares all pairs of %d and %d points, which takes minutes: thin them first",
-            method,
-            len(reference),
-            len(new),
-        )
     run: Registration = getattr(
         import_module(f"gtsam_nav.registration.{chosen.module}"), chosen.function
     )
