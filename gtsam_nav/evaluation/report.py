@@ -43,8 +43,12 @@ class _Report:
     plots_folder: Path
 
     @property
-    def simulated(self) -> bool:
-        return any(m.sonar == "simulated" for m in self.metrics.values())
+    def simulated(self) -> str:
+        """What of the data is simulated; empty of recorded ones."""
+        if any(m.sonar == "simulated" for m in self.metrics.values()):
+            return "simulated sonar"
+        clouds = self.solutions[0].mission.of_type("clouds")
+        return "simulated lidar" if any(sensor.simulated for sensor in clouds) else ""
 
     def beside(self, name: str, made: Figure | None) -> Path | None:
         """Write a figure beside the page; None where there is none."""
@@ -158,8 +162,8 @@ def _section(title: str | Html, *content: str | Html) -> Html:
 
 
 def _scored_title(report: _Report, title: str) -> Html:
-    """A heading over figures; those of simulated sonar say so."""
-    label = element("span", "simulated sonar", class_="label") if report.simulated else Html("")
+    """A heading over figures; those of a simulated sonar or lidar say so."""
+    label = element("span", report.simulated, class_="label") if report.simulated else Html("")
     return join([title, label])
 
 
@@ -181,7 +185,7 @@ def _header(report: _Report) -> Html:
         facts.append(f"scored window {first:g} to {last:g} s")
     chips = [element("li", fact) for fact in facts]
     if report.simulated:
-        chips.append(element("li", "simulated sonar", class_="simulated"))
+        chips.append(element("li", report.simulated, class_="simulated"))
     return join(
         [
             element("h1", mission.name),
