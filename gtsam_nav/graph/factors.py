@@ -7,6 +7,7 @@ copy of all values at each evaluation, which makes the solve quadratic in the mi
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import gtsam
@@ -23,6 +24,8 @@ from gtsam_nav.sensors.noise import ImuNoise
 PIN_PRECISION = 1e8
 """Precision that holds the meaningless components of a frame of which only a part means anything:
 a compass's, a GNSS error's, a landmark's, a range scale's."""
+
+Pair, Trio = tuple[Any, Any], tuple[Any, Any, Any]
 
 # symbols of IMU bias, GNSS error, landmark, compass frame, range scale and keyframe
 __all__ = ["B", "G", "L", "M", "S", "X"]
@@ -201,8 +204,24 @@ def heading(compass: int | None, key: int, heading_rad: float, R_nb: Array, sigm
     return _against_compass(compass, key, R_measured, noise)
 
 
+@dataclass(frozen=True)
+class SightingSlopes:
+    """Derivatives of a sighting's residual (m,), each of shape (m, 3), along body axes.
+
+    In the landmark's offset from the body, ``R_nb' (l_n - p_n)``, and in a small turn of the body.
+    """
+
+    offset: Array
+    turn: Array
+
+    def step(self, residual: Array) -> Array:
+        """The shortest step of the offset that takes a residual away, shape (3,)."""
+        gram = self.offset @ self.offset.T + 1e-18 * np.eye(len(residual))
+        return np.asarray(-self.offset.T @ np.linalg.solve(gram, residual))
+
+
 def sighting(
-    key: int, landmark: int, offset_b: Array, by_offset: Array, residual: Array, cov: Array
+    key: int, landmark: int, states: Pair, slopes: SightingSlopes, residual: Array, cov: Array
 ) -> Any:
     """A sighting, linear about the landmark's present offset ``R_nb' (l_n - p_n)`` from the body.
 
@@ -212,23 +231,38 @@ def sighting(
 
     Parameters
     ----------
-    offset_b : ndarray, shape (3,)
-    by_offset : ndarray, shape (m, 3)
-        Jacobian of the sighting's residual (m,) in the offset.
+    states : tuple of two NavStates
+        Of the body, and of the landmark, of which only the position means anything.
     residual, cov : ndarray, shapes (m,) and (m, m)
-        Of the sighting at that offset.
+        Of the sighting there.
     """
-    # the shortest step that takes the residual away
-    gram = by_offset @ by_offset.T + 1e-18 * np.eye(len(residual))
-    measured_b = offset_b - by_offset.T @ np.linalg.solve(gram, residual)
+    R_nb = states[0].attitude().matrix()
+    offset_b = R_nb.T @ (states[1].position() - states[0].position())
     root = np.zeros((9, 9))
-    root[: len(residual), 3:6] = np.linalg.solve(np.linalg.cholesky(cov), by_offset)
+    root[: len(residual), 3:6] = np.linalg.solve(np.linalg.cholesky(cov), slopes.offset)
     noise = gtsam.noiseModel.Gaussian.SqrtInformation(root, False)
-    measured = nav_state(np.eye(3), measured_b, np.zeros(3))
+    measured = nav_state(np.eye(3), offset_b + slopes.step(residual), np.zeros(3))
     return gtsam.BetweenFactorNavState(key, landmark, measured, noise)
 
 
-Trio = tuple[Any, Any, Any]
+def level_sighting(
+    key: int, landmark: int, states: Pair, slopes: SightingSlopes, residual: Array, cov: Array
+) -> Any:
+    """As `sighting`, of a landmark that is level with a body which may tilt, and be anywhere deep.
+
+    The offset along body axes mixes a tilt with the depth between the two, which means nothing.
+    The native residual is here that of the body in the landmark's frame, along n, where the depth
+    is a component of its own; how the body is turned is the rotation's part of it.
+    """
+    R_nb = states[0].attitude().matrix()
+    whiten = np.linalg.inv(np.linalg.cholesky(cov))
+    root = np.zeros((9, 9))
+    root[: len(residual), :3] = whiten @ slopes.turn
+    root[: len(residual), 3:6] = -whiten @ slopes.offset
+    noise = gtsam.noiseModel.Gaussian.SqrtInformation(root, False)
+    p_n = states[0].position() - states[1].position() - R_nb @ slopes.step(residual)
+    measured = nav_state(R_nb, p_n, np.zeros(3))
+    return gtsam.BetweenFactorNavState(landmark, key, measured, noise)
 
 
 class LinearFactor(gtsam.LinearContainerFactor):
@@ -268,7 +302,7 @@ class LinearFactor(gtsam.LinearContainerFactor):
 def scaled_sighting(
     keys: Trio,
     states: Trio,
-    by_offset: Array,
+    slopes: SightingSlopes,
     by_scale: Array,
     residual: Array,
     cov: Array,
@@ -279,17 +313,15 @@ def scaled_sighting(
     ----------
     keys, states : tuples of three
         Keyframe, landmark and range scale.
-    by_offset : ndarray, shape (m, 3)
-        Jacobian of the residual (m,) in the landmark's offset from the body, along its axes.
     by_scale : ndarray, shape (m,)
+        Derivative of the residual (m,) in the scale.
     residual, cov : ndarray, shapes (m,) and (m, m)
     """
     R_nb = states[0].attitude().matrix()
-    offset_b = R_nb.T @ (states[1].position() - states[0].position())
     m = len(residual)
     J_body, J_landmark, J_scale = np.zeros((m, 9)), np.zeros((m, 9)), np.zeros((m, 9))
-    J_body[:, :3], J_body[:, 3:6] = by_offset @ skew(offset_b), -by_offset
-    J_landmark[:, 3:6] = by_offset @ R_nb.T
+    J_body[:, :3], J_body[:, 3:6] = slopes.turn, -slopes.offset
+    J_landmark[:, 3:6] = slopes.offset @ R_nb.T
     J_scale[:, 3] = by_scale
     whiten = np.linalg.inv(np.linalg.cholesky(cov))
     jacobians = whiten @ J_body, whiten @ J_landmark, whiten @ J_scale

@@ -138,11 +138,14 @@ def sighting(state: BodyState, rng: np.random.Generator, spread: float, *, eleva
         sigma_bearing=rng.uniform(0.01, 0.1),
     )
     prediction = landmarks.predict(state, landmark_n, seen, sensor)
+    there = factors.nav_state(np.eye(3), landmark_n, np.zeros(3))
     factor = factors.sighting(
         X(0),
         L(0),
-        state.R_nb.T @ (landmark_n - state.p_n),
-        prediction.jacobian_landmark @ state.R_nb,
+        (factors.nav_state(state.R_nb, state.p_n, state.v_n), there),
+        factors.SightingSlopes(
+            prediction.jacobian_landmark @ state.R_nb, prediction.jacobian[:, :3]
+        ),
         prediction.residual,
         prediction.cov,
     )
@@ -150,7 +153,7 @@ def sighting(state: BodyState, rng: np.random.Generator, spread: float, *, eleva
         lambda s: landmarks.predict(s, landmark_n, seen, sensor),
         factor,
         slice(0, len(seen.measured)),
-        {L(0): factors.nav_state(np.eye(3), landmark_n, np.zeros(3))},
+        {L(0): there},
     )
 
 
