@@ -92,6 +92,7 @@ def find_clocks(
     clocks = Clocks(errors, np.zeros(len(errors)))
     if not errors:
         return clocks
+    config = _at_first(config)
     values, width, moved, rounds = None, np.inf, np.inf, 0
     while (moved > STILL_SIGMAS or width > 1.0) and rounds < MAX_ROUNDS:
         corrected = clocks.corrected(mission)
@@ -117,6 +118,12 @@ def find_clocks(
         log.warning("clocks: the last of %d rounds still moved %.1f sigmas", rounds, moved)
     progress("clocks", 1.0)
     return clocks
+
+
+def _at_first(config: Config) -> Config:
+    """Under the kernels that a solve starts with."""
+    graph = config.graph.model_copy(update={"robust": config.graph.robust.at_first})
+    return config.model_copy(update={"graph": graph})
 
 
 def _start(problem: Problem, before: Any) -> Any:

@@ -14,7 +14,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, G, L, M, S, X
 
-from gtsam_nav.frames import Array, Origin, earth_rate_n, rotation_from_rpy, skew
+from gtsam_nav.frames import Array, Origin, earth_rate_n, rotation_from_rpy
 from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.mission import Sensor
 from gtsam_nav.preprocess.strapdown import gravity_at

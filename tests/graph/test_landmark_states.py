@@ -199,6 +199,22 @@ def test_a_made_factor_is_that_of_the_sensor_model(elevation: bool, level: bool)
     assert not np.any(b[m:])
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 3])
+def test_an_imu_and_level_sightings_hold_the_place_but_not_the_height(seed: int) -> None:
+    """Where accelerometers alone tell the height it runs away, and must not take all along."""
+    solution = gn.estimate(gn.simulate("ranger", seed=seed, duration_s=150.0), "graph")
+    errors = gn.evaluate(solution).ate.none
+    assert errors is not None
+    assert errors.max < 0.2
+    assert not any("settled" in warning for warning in solution.warnings)
+    (warning,) = [w for w in solution.warnings if w.startswith("nothing measures the height")]
+    assert solution.trajectory.cov_pose_n is not None
+    sigma_d = np.sqrt(solution.trajectory.cov_pose_n[-1, 2, 2])
+    assert f"grows to {sigma_d:.0f} m at" in warning
+    assert abs(solution.trajectory.p_n[-1, 2]) < 3.0 * sigma_d
+
+
 def spoilt(robot: Mission, **columns: object) -> Mission:
     """The robot with other sightings."""
     sensor = robot.sensors["landmarks"]

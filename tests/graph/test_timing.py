@@ -13,9 +13,9 @@ import gtsam_nav as gn
 from gtsam_nav.config import Config
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.clocks import find_clocks
-from gtsam_nav.graph.estimator import _start_and_motion
 from gtsam_nav.graph.factors import X, gnss, gnss_velocity, heading, orientation
 from gtsam_nav.graph.measurements.gnss import VELOCITY_OUTLIER
+from gtsam_nav.graph.outset import start_and_motion
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.timing import TimingError, timing_effect, timing_errors
 from gtsam_nav.mission import Mission
@@ -142,7 +142,7 @@ def laps() -> Mission:
 
 def test_trusted_clocks_cost_nothing(laps: Mission) -> None:
     assert timing_errors(laps) == ()
-    start, motion = _start_and_motion(laps, Config())
+    start, motion = start_and_motion(laps, Config())
     clocks = find_clocks(laps, start, motion, np.arange(3.0), Config(), no_progress)
     assert clocks.corrected(laps) is laps
 
