@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from gtsam_nav.frames import Array, rotation_from_rpy
-from gtsam_nav.graph import factors
+from gtsam_nav.graph import factors, sighting_factors
 from gtsam_nav.graph.factors import G, L, M, X
 from gtsam_nav.mission import Sensor
 from gtsam_nav.sensors import depth, dvl, gnss, landmarks, motion_constraints, orientation
@@ -139,11 +139,11 @@ def sighting(state: BodyState, rng: np.random.Generator, spread: float, *, eleva
     )
     prediction = landmarks.predict(state, landmark_n, seen, sensor)
     there = factors.nav_state(np.eye(3), landmark_n, np.zeros(3))
-    factor = factors.sighting(
+    factor = sighting_factors.sighting(
         X(0),
         L(0),
         (factors.nav_state(state.R_nb, state.p_n, state.v_n), there),
-        factors.SightingSlopes(
+        sighting_factors.SightingSlopes(
             prediction.jacobian_landmark @ state.R_nb, prediction.jacobian[:, :3]
         ),
         prediction.residual,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gtsam_nav.frames import Array, skew
-from gtsam_nav.graph import factors
+from gtsam_nav.graph import sighting_factors
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.problem import StateAt
 from gtsam_nav.mission import Sensor
@@ -70,13 +70,14 @@ class Seen:
         residual[1:] = (residual[1:] + np.pi) % (2 * np.pi) - np.pi
         residual[~np.any(by_point, axis=1)] = 0.0
         rows, cov = self.values.rows, self.excess * self.values.cov
-        slopes = factors.SightingSlopes(by_offset[rows], by_turn[rows])
+        slopes = sighting_factors.SightingSlopes(by_offset[rows], by_turn[rows])
         if scale is not None:
             keys, states = (X(self.k), self.key, self.scale_key), (body, landmark, scale)
-            return factors.scaled_sighting(
+            return sighting_factors.scaled_sighting(
                 keys, states, slopes, by_scale[rows], residual[rows], cov
             )
-        make = factors.level_sighting if self.level and not self.planar else factors.sighting
+        tilts = self.level and not self.planar
+        make = sighting_factors.level_sighting if tilts else sighting_factors.sighting
         return make(X(self.k), self.key, (body, landmark), slopes, residual[rows], cov)
 
 
