@@ -24,14 +24,9 @@ class SightingSlopes:
     offset: Array
     turn: Array
 
-    def step(self, residual: Array) -> Array:
-        """The shortest step of the offset that takes a residual away, shape (3,)."""
-        gram = self.offset @ self.offset.T + 1e-18 * np.eye(len(residual))
-        return np.asarray(-self.offset.T @ np.linalg.solve(gram, residual))
-
 
 def sighting(
-    key: int, landmark: int, states: Pair, slopes: SightingSlopes, residual: Array, cov: Array
+    key: int, landmark: int, offset_b: Array, by_offset: Array, residual: Array, cov: Array
 ) -> Any:
     """A sighting, linear about the landmark's present offset ``R_nb' (l_n - p_n)`` from the body.
 
@@ -41,17 +36,17 @@ def sighting(
 
     Parameters
     ----------
-    states : tuple of two NavStates
-        Of the body, and of the landmark, of which only the position means anything.
+    offset_b : ndarray, shape (3,)
+    by_offset : ndarray, shape (m, 3)
+        Jacobian of the sighting's residual (m,) in the offset.
     residual, cov : ndarray, shapes (m,) and (m, m)
-        Of the sighting there.
+        Of the sighting at that offset.
     """
-    R_nb = states[0].attitude().matrix()
-    offset_b = R_nb.T @ (states[1].position() - states[0].position())
+    measured_b = offset_b + _step(by_offset, residual)
     root = np.zeros((9, 9))
-    root[: len(residual), 3:6] = np.linalg.solve(np.linalg.cholesky(cov), slopes.offset)
+    root[: len(residual), 3:6] = np.linalg.solve(np.linalg.cholesky(cov), by_offset)
     noise = gtsam.noiseModel.Gaussian.SqrtInformation(root, False)
-    measured = nav_state(np.eye(3), offset_b + slopes.step(residual), np.zeros(3))
+    measured = nav_state(np.eye(3), measured_b, np.zeros(3))
     return gtsam.BetweenFactorNavState(key, landmark, measured, noise)
 
 
@@ -63,6 +58,11 @@ def level_sighting(
     The offset along body axes mixes a tilt with the depth between the two, which means nothing.
     The native residual is here that of the body in the landmark's frame, along n, where the depth
     is a component of its own; how the body is turned is the rotation's part of it.
+
+    Parameters
+    ----------
+    states : tuple of two NavStates
+        Of the body, and of the landmark, of which only the position means anything.
     """
     R_nb = states[0].attitude().matrix()
     whiten = np.linalg.inv(np.linalg.cholesky(cov))
@@ -70,9 +70,15 @@ def level_sighting(
     root[: len(residual), :3] = whiten @ slopes.turn
     root[: len(residual), 3:6] = -whiten @ slopes.offset
     noise = gtsam.noiseModel.Gaussian.SqrtInformation(root, False)
-    p_n = states[0].position() - states[1].position() - R_nb @ slopes.step(residual)
+    p_n = states[0].position() - states[1].position() - R_nb @ _step(slopes.offset, residual)
     measured = nav_state(R_nb, p_n, np.zeros(3))
     return gtsam.BetweenFactorNavState(landmark, key, measured, noise)
+
+
+def _step(by_offset: Array, residual: Array) -> Array:
+    """The shortest step of an offset that takes its residual away, shape (3,)."""
+    gram = by_offset @ by_offset.T + 1e-18 * np.eye(len(residual))
+    return np.asarray(-by_offset.T @ np.linalg.solve(gram, residual))
 
 
 def scaled_sighting(

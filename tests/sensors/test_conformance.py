@@ -138,14 +138,11 @@ def sighting(state: BodyState, rng: np.random.Generator, spread: float, *, eleva
         sigma_bearing=rng.uniform(0.01, 0.1),
     )
     prediction = landmarks.predict(state, landmark_n, seen, sensor)
-    there = factors.nav_state(np.eye(3), landmark_n, np.zeros(3))
     factor = sighting_factors.sighting(
         X(0),
         L(0),
-        (factors.nav_state(state.R_nb, state.p_n, state.v_n), there),
-        sighting_factors.SightingSlopes(
-            prediction.jacobian_landmark @ state.R_nb, prediction.jacobian[:, :3]
-        ),
+        state.R_nb.T @ (landmark_n - state.p_n),
+        prediction.jacobian_landmark @ state.R_nb,
         prediction.residual,
         prediction.cov,
     )
@@ -153,7 +150,7 @@ def sighting(state: BodyState, rng: np.random.Generator, spread: float, *, eleva
         lambda s: landmarks.predict(s, landmark_n, seen, sensor),
         factor,
         slice(0, len(seen.measured)),
-        {L(0): there},
+        {L(0): factors.nav_state(np.eye(3), landmark_n, np.zeros(3))},
     )
 
 

@@ -61,24 +61,27 @@ class Seen:
             by_scale[0] = values[0]
             values[0] += scale.position()[0] * values[0]
             by_point[0] += scale.position()[0] * by_point[0]
-        by_offset = by_point @ self.sensor.R_bs.T
-        by_turn = by_offset @ skew(counted_b)
+        by_offset = by_point_b = by_point @ self.sensor.R_bs.T
         if self.level:
             by_offset = by_offset - np.outer(by_offset @ R_nb[2], R_nb[2])
-        by_turn += by_offset @ skew(self.sensor.xyz_b)
         residual = values - self.values.polar
         residual[1:] = (residual[1:] + np.pi) % (2 * np.pi) - np.pi
         residual[~np.any(by_point, axis=1)] = 0.0
         rows, cov = self.values.rows, self.excess * self.values.cov
-        slopes = sighting_factors.SightingSlopes(by_offset[rows], by_turn[rows])
-        if scale is not None:
-            keys, states = (X(self.k), self.key, self.scale_key), (body, landmark, scale)
-            return sighting_factors.scaled_sighting(
-                keys, states, slopes, by_scale[rows], residual[rows], cov
+        if scale is None and (self.planar or not self.level):
+            return sighting_factors.sighting(
+                X(self.k), self.key, offset_b, by_offset[rows], residual[rows], cov
             )
-        tilts = self.level and not self.planar
-        make = sighting_factors.level_sighting if tilts else sighting_factors.sighting
-        return make(X(self.k), self.key, (body, landmark), slopes, residual[rows], cov)
+        by_turn = by_point_b @ skew(counted_b) + by_offset @ skew(self.sensor.xyz_b)
+        slopes = sighting_factors.SightingSlopes(by_offset[rows], by_turn[rows])
+        if scale is None:
+            return sighting_factors.level_sighting(
+                X(self.k), self.key, (body, landmark), slopes, residual[rows], cov
+            )
+        keys, states = (X(self.k), self.key, self.scale_key), (body, landmark, scale)
+        return sighting_factors.scaled_sighting(
+            keys, states, slopes, by_scale[rows], residual[rows], cov
+        )
 
 
 def _polar(p_s: Array, elevation: bool) -> tuple[Array, Array]:
