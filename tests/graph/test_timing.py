@@ -184,6 +184,14 @@ def test_a_clock_that_nothing_tells_keeps_its_sigma_and_is_named(laps: Mission) 
     assert any("time offset of sensor 'gnss' cannot be told" in w for w in resting.warnings)
 
 
+def test_a_doubted_clock_of_a_sensor_that_is_not_used_is_named_too(laps: Mission) -> None:
+    config = gn.load_config(None, ["gnss.use=none"])
+    solution = gn.estimate(doubted(laps.crop(0.0, 15.0), "gnss", 0.0, sigma_s=0.1), "graph", config)
+    offset = found(solution, "gnss")
+    assert (offset.offset_s, offset.sigma_s, offset.observed) == (0.0, 0.1, False)
+    assert any("time offset of sensor 'gnss' cannot be told" in w for w in solution.warnings)
+
+
 def test_two_clocks_that_are_both_doubted_are_told_apart_only_as_far_as_trusted(
     laps: Mission,
 ) -> None:
