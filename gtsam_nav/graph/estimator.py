@@ -11,6 +11,7 @@ from gtsam_nav.config import Config
 from gtsam_nav.errors import EstimationError, PackageError
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.backend import graph_of
+from gtsam_nav.graph.clock_check import suspected_clocks
 from gtsam_nav.graph.cloud_loops import (
     CloudLoops,
     close_cloud_loops,
@@ -254,6 +255,7 @@ def _solution(
             *doubts(problem, settled, converged=solved.refined.converged),
             *missing_loops(solved.wants_false, solved.matches),
             *unmeasured_height(keyframes),
+            *suspected_clocks(mission, problem, settled, values),
             *contradictions(rows),
         ),
         slow_states=slow_states(problem, values, covariances, constants),

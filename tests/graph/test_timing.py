@@ -192,6 +192,20 @@ def test_a_doubted_clock_of_a_sensor_that_is_not_used_is_named_too(laps: Mission
     assert any("time offset of sensor 'gnss' cannot be told" in w for w in solution.warnings)
 
 
+@pytest.mark.parametrize(
+    ("offset_s", "word"), [(0.0, None), (1.0, "late"), (-1.0, "early")], ids=str
+)
+def test_a_trusted_clock_that_is_off_is_suspected(
+    laps: Mission, offset_s: float, word: str | None
+) -> None:
+    shifted = gn.estimate(laps, "graph", faults=(f"clock:gnss={offset_s}",))
+    said = [w for w in shifted.warnings if w.startswith("'gnss' seems to be")]
+    assert len(said) == (word is not None)
+    if word is not None:
+        assert f" s {word} (sigma " in said[0]
+        assert float(said[0].split()[4]) == pytest.approx(1.0, abs=0.5)
+
+
 def test_two_clocks_that_are_both_doubted_are_told_apart_only_as_far_as_trusted(
     laps: Mission,
 ) -> None:
