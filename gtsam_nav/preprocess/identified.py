@@ -52,9 +52,13 @@ def identified(mission: Mission, motion: MotionSettings, settings: LandmarkSetti
         return mission
     dead_reckoned = planar_motion(mission, motion, readings_suffice=True)
     if len(sensors) > 1 or dead_reckoned is None:
-        lacks = "a DVL or odometry" if dead_reckoned is None else "a single sensor of landmarks"
+        needs = "a single sensor of landmarks; there are " + ", ".join(s.name for s in sensors)
+        if dead_reckoned is None:
+            needs = "a DVL or odometry to tell landmarks apart before the graph is built"
         raise DataError(
-            f"mission '{mission.name}': landmarks.association={settings.association} needs {lacks}"
+            f"mission '{mission.name}': landmarks.association={settings.association} needs {needs}."
+            " The choices are: landmarks.association=ids, or the method landmark-ekf, which"
+            " associates as it goes, by an IMU too"
         )
     sensor = sensors[0]
     assert isinstance(sensor.series, LandmarkSeries)
