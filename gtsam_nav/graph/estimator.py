@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -54,7 +55,7 @@ from gtsam_nav.odometry.cloud_map import map_or_reason
 from gtsam_nav.odometry.kiss import CloudTrack, cloud_odometry
 from gtsam_nav.preprocess.motion import VehicleMotion
 from gtsam_nav.series import IntArray
-from gtsam_nav.solution import Progress, Solution, SonarMap, StageClock
+from gtsam_nav.solution import ClockOffset, Progress, Solution, SonarMap, StageClock
 from gtsam_nav.sonar.echoes import Echoes
 from gtsam_nav.sonar.motion import PlanarMotion
 from gtsam_nav.sonar.preparation import (
@@ -245,17 +246,9 @@ def _solution(
         ),
         robust_weights=robust_weights(rows),
         warnings=(
-            *mission.warnings,
-            *problem.warnings,
-            *ready.warnings,
-            *echoes.warnings,
-            *solved.cloud_loops.warnings,
+            *_warnings(ready, echoes, solved, clock_offsets),
             *map_warnings,
-            *(offset.warning for offset in clock_offsets if not offset.observed),
-            *doubts(problem, settled, converged=solved.refined.converged),
-            *missing_loops(solved.wants_false, solved.matches),
             *unmeasured_height(keyframes),
-            *suspected_clocks(mission, problem, settled, values),
             *contradictions(rows),
         ),
         slow_states=slow_states(problem, values, covariances, constants),
@@ -269,6 +262,22 @@ def _solution(
         gnss_used=fixes(problem, settled)[1],
         n_keyframes=len(problem.t),
     )
+
+
+def _warnings(
+    ready: Ready, echoes: _Echoes, solved: _Solved, clock_offsets: Iterable[ClockOffset]
+) -> Iterator[str]:
+    """What the user must hear of how it came about."""
+    problem, settled, refined = solved.problem, solved.settled, solved.refined
+    yield from echoes.mission.warnings
+    yield from problem.warnings
+    yield from ready.warnings
+    yield from echoes.warnings
+    yield from solved.cloud_loops.warnings
+    yield from (offset.warning for offset in clock_offsets if not offset.observed)
+    yield from doubts(problem, settled, converged=refined.converged)
+    yield from missing_loops(solved.wants_false, solved.matches)
+    yield from suspected_clocks(echoes.mission, problem, settled, refined.values)
 
 
 def _refined(
