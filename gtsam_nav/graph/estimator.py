@@ -249,6 +249,7 @@ def _solution(
             *_warnings(ready, echoes, solved, clock_offsets),
             *map_warnings,
             *unmeasured_height(keyframes),
+            *suspected_clocks(mission, problem, settled, values, rows),
             *contradictions(rows),
         ),
         slow_states=slow_states(problem, values, covariances, constants),
@@ -277,7 +278,6 @@ def _warnings(
     yield from (offset.warning for offset in clock_offsets if not offset.observed)
     yield from doubts(problem, settled, converged=refined.converged)
     yield from missing_loops(solved.wants_false, solved.matches)
-    yield from suspected_clocks(echoes.mission, problem, settled, refined.values)
 
 
 def _refined(
