@@ -98,8 +98,9 @@ def contradictions(rows: Sequence[Weighed]) -> Iterator[str]:
         return
     named = ", ".join(f"'{sensor}' ({what})" for _, _, sensor, what in members)
     others = "" if len({sensor for _, _, sensor, _ in members}) > 1 else " and the other sensors"
-    pulling = dict.fromkeys(f"'{sensor}'" for doubted, _, sensor, _ in members if not doubted)
-    bare = f"; nothing keeps outliers of {', '.join(pulling)} from pulling the others: neither a"
-    yield f"{named}{others} contradict each other" + (
-        f"{bare} kernel nor a gate is set" if pulling else ""
-    )
+    said = f"{named}{others} contradict each other"
+    bare = dict.fromkeys(f"'{sensor}'" for doubted, _, sensor, _ in members if not doubted)
+    if bare:
+        pulling = f"keeps outliers of {', '.join(bare)} from pulling the others"
+        said += f"; neither a kernel nor a gate {pulling}"
+    yield said

@@ -93,7 +93,7 @@ def test_outliers_that_nothing_holds_back_are_named_first(mission: Mission) -> N
     (warning,) = [w for w in solution.warnings if "contradict each other" in w]
     assert warning.startswith("'gnss' (half of its residuals are above ")
     assert "'velocity' (" in warning
-    assert "nothing keeps outliers of 'gnss' from pulling the others" in warning
+    assert "a gate keeps outliers of 'gnss' from pulling the others" in warning
     assert not any("seems to be" in w for w in solution.warnings)
 
 
