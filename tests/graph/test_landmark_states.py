@@ -335,6 +335,27 @@ def test_a_scaled_sighting_is_that_of_the_sensor_model(seed: int) -> None:
     np.testing.assert_allclose(2 * weighed.error(values), squared / (1 + squared), rtol=1e-6)
 
 
+def test_a_level_landmark_knows_no_depth_beside_a_range_scale_either() -> None:
+    """A tilt must not count for more the deeper the body is."""
+    series = gn.simulate("ranger", seed=0).sensors["landmarks"].series
+    sensor = Sensor(name="landmarks", type="landmarks", series=series)
+    seen = Sighting(5.0, 0.9, None, 0.2, 0.05)
+    found = []
+    for depth_m in (0.0, 500.0):
+        states = {
+            int(X(0)): factors.nav_state(np.eye(3), np.array([0.0, 0.0, depth_m]), np.zeros(3)),
+            int(L(0)): factors.nav_state(np.eye(3), np.array([3.0, 4.0, 0.0]), np.zeros(3)),
+            int(S(0)): factors.nav_state(np.eye(3), np.zeros(3), np.zeros(3)),
+        }
+        values = gtsam.Values()
+        for key, state in states.items():
+            values.insert(key, state)
+        made = Seen(0, int(L(0)), seen, sensor, True, scale_key=int(S(0))).make(states.__getitem__)
+        found.append(made.linearize(values).jacobian())
+    np.testing.assert_allclose(found[0][0], found[1][0], atol=1e-9)
+    np.testing.assert_allclose(found[0][1], found[1][1], atol=1e-9)
+
+
 def test_a_quiet_vehicle_starts_at_rest_in_the_graph_too() -> None:
     """Nothing but its IMU tells of it: the first sigmas of the velocity are those of rest."""
     solution = gn.estimate(gn.simulate("ranger", seed=3), "graph")
