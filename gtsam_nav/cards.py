@@ -16,7 +16,7 @@ from pydantic import BaseModel, Field, FiniteFloat, ValidationError, model_valid
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, rotation_from_rpy
 from gtsam_nav.mission import Constraints
-from gtsam_nav.sensors.noise import NOISE_MODELS
+from gtsam_nav.sensors.noise import NOISE_MODELS, figure_names
 from gtsam_nav.series import SERIES_TYPES
 from gtsam_nav.settings import Settings
 
@@ -107,8 +107,10 @@ class SensorCard(Described):
         except ValidationError as error:
             first = error.errors()[0]
             key = ".".join(["noise", *(str(part) for part in first["loc"])])
-            choices = ", ".join(model.model_fields)
-            raise ValueError(f"{key}: {first['msg']}; the choices are: {choices}") from error
+            what = first["msg"].removeprefix("Value error, ")
+            if first["type"] == "extra_forbidden":
+                what = f"{what}; the choices are: {', '.join(figure_names(self.type))}"
+            raise ValueError(f"{key}: {what}") from error
         return self
 
     @classmethod

@@ -19,10 +19,11 @@ import numpy as np
 
 import gtsam_nav as gn
 from gtsam_nav.config import Config
-from gtsam_nav.graph import backend, estimator
+from gtsam_nav.graph import backend
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.measurements import build_problem
 from gtsam_nav.graph.online import run_online
+from gtsam_nav.graph.outset import mission_keyframes, start_and_motion
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.settling import settle
 from gtsam_nav.mission import Mission
@@ -82,8 +83,8 @@ def _compare(mission: Mission, repeats: int) -> dict[str, Any]:
 
 def _problem(mission: Mission, config: Config) -> tuple[Problem, float]:
     """The factors of a mission, and how long they took once its motion was known."""
-    start, motion = estimator._start_and_motion(mission, config)
-    t = estimator._keyframe_times(mission, motion.trajectory.t[:0], config)
+    start, motion = start_and_motion(mission, config)
+    t = mission_keyframes(mission, np.empty(0), np.empty(0), config)
     begin = time.process_time()
     problem = build_problem(mission, start, motion, t, config)
     return problem, time.process_time() - begin

@@ -73,7 +73,7 @@ class Backend:
             self._new_factors.add(self._online_factor(reading))
 
     def _online_factor(self, reading: Reading) -> Any:
-        robustness = DOUBTED if reading.is_gated else reading.robustness
+        robustness = DOUBTED if reading.is_gated else reading.robustness.at_first
         return factors.robust(reading.make(self._state_at), robustness)
 
     def _state_at(self, key: int) -> Any:
@@ -83,7 +83,7 @@ class Backend:
 
     def add_factor(self, entry: SensorFactor) -> None:
         """Queue one factor."""
-        self._new_factors.add(entry.factor)
+        self._new_factors.add(entry.at_first)
 
     def update(self) -> None:
         """Let iSAM2 take in what is queued."""

@@ -139,4 +139,4 @@ def match_factor(found: ScanMatch, scan_keyframe: IntArray, robustness: Robustne
     """A scan match as a factor between its keyframes."""
     a, b = (X(int(scan_keyframe[s])) for s in (found.a, found.b))
     factor = factors.planar_match(a, b, found.match.q, found.match.cov)
-    return SensorFactor(LOOP if found.is_loop else SCAN_MATCH, factor, robustness)
+    return SensorFactor(LOOP if found.is_loop else SCAN_MATCH, factor, robustness, found.b)

@@ -86,11 +86,9 @@ class TimingError:
 
 
 def timing_errors(mission: Mission) -> tuple[TimingError, ...]:
-    """Those that the mission asks to estimate, sensor by sensor."""
+    """Those that the mission asks to estimate, sensor by sensor, with samples or without."""
     found = []
     for name, sensor in mission.sensors.items():
-        if not len(sensor.series):
-            continue
         if sensor.time_offset_sigma_s > 0:
             sigma_s = sensor.time_offset_sigma_s
             found.append(TimingError(name, sensor.type, "time_offset", sigma_s))
