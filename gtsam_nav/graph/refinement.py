@@ -18,6 +18,7 @@ import numpy as np
 
 from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.graph.factors import X
+from gtsam_nav.graph.knot_system import JointPosterior, KnotSystem
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.sensor_posterior import SensorPosterior, sensor_posterior
 from gtsam_nav.graph.settings import RefinementSettings
@@ -81,15 +82,10 @@ def knots_of(t_echoes: Array, t_keyframes: Array, t_scans: Array) -> Knots:
 
 @dataclass(frozen=True)
 class Refined:
-    """Final values, and what the sensors and the sonar told about the planar knots.
-
-    ``planar`` is the last step of these, from where ``posterior`` was linearised.
-    """
+    """Final values, and the Gaussian about them."""
 
     values: Any
-    posterior: SensorPosterior
-    planar: Array
-    planar_information: Array
+    posterior: SensorPosterior | JointPosterior
     iterations: int
     converged: bool
 
@@ -99,12 +95,10 @@ def refine_without_sonar(graph: Any, values: Any, problem: Problem) -> Refined:
     largest, count = np.inf, 0
     while largest > CONVERGED_STEP and count < MAX_STEPS:
         posterior = sensor_posterior(graph, values, np.empty(0, dtype=np.int64), problem)
-        values = posterior.retracted(posterior.mean)
-        largest = float(np.max(np.abs(posterior.mean)))
+        values = posterior.moved()
+        largest = float(np.max(np.abs(posterior.step)))
         count += 1
-    return Refined(
-        values, posterior, np.empty(0), np.empty((0, 0)), count, largest <= CONVERGED_STEP
-    )
+    return Refined(values, posterior, count, largest <= CONVERGED_STEP)
 
 
 class JointRefinement:
@@ -156,36 +150,30 @@ class JointRefinement:
         """
         gate, iterations = self.settings.first_gate_m, 0
         for _ in range(MAX_RELINEARISATIONS):
-            posterior = sensor_posterior(graph, values, self.knots.keyframes, self.problem)
-            planar, information, gate, count, settled = self._solve(
-                posterior, gate, iterations, progress
-            )
+            system = KnotSystem(graph, values, self.knots.keyframes, self.problem)
+            posterior, gate, count, settled = self._solve(system, gate, iterations, progress)
             iterations += count
-            values = posterior.retracted(posterior.step_given(planar.ravel()))
-            done = settled and np.max(np.abs(planar[:, :2])) < 2 * self.settings.converged_m
+            values = posterior.moved()
+            moved = float(np.max(np.abs(posterior.planar[:, :2])))
+            done = settled and moved < 2 * self.settings.converged_m
             if done or iterations >= self.settings.max_iterations:
                 break
         progress("refinement", 1.0)
         log.info("joint refinement: %d iterations, converged: %s", iterations, done)
-        return Refined(values, posterior, planar.ravel(), information, iterations, bool(done))
+        return Refined(values, posterior, iterations, done)
 
     def _solve(
-        self, posterior: SensorPosterior, gate: float, before: int, progress: Progress
-    ) -> tuple[Array, Array, float, int, bool]:
+        self, system: KnotSystem, gate: float, before: int, progress: Progress
+    ) -> tuple[JointPosterior, float, int, bool]:
         """Iterate associations on one linearisation of the sensors."""
-        from scipy.linalg import cho_factor, cho_solve
-
-        m = len(self.knots.keyframes)
-        prior = np.linalg.inv(posterior.planar_cov)
-        origin = self._planar_of(posterior.values)
-        planar = np.zeros((m, 3))
-        information = np.zeros((3 * m, 3 * m))
+        origin = self._planar_of(system.system.values)
+        planar = np.zeros_like(origin)
         count, settled = 0, False
         while not settled and before + count < self.settings.max_iterations:
             information, gradient = self._normal_equations(origin + planar, gate)
-            gradient -= prior @ (planar.ravel() - posterior.planar_mean)
-            step = cho_solve(cho_factor(prior + information), gradient).reshape(m, 3)
-            planar = planar + step
+            posterior = system.with_sonar(information, gradient + information @ planar.ravel())
+            step = posterior.planar - planar
+            planar = posterior.planar
             count += 1
             progress("refinement", (before + count) / self.settings.max_iterations)
             narrow = gate <= self.settings.last_gate_m
@@ -196,7 +184,7 @@ class JointRefinement:
                 np.max(np.abs(step[:, :2])),
                 np.argmax(np.max(np.abs(step[:, :2]), axis=1)),
             )
-        return planar, information, gate, count, settled
+        return posterior, gate, count, settled
 
     def _planar_of(self, values: Any) -> Array:
         """North, east and yaw of the knots, yaw unwrapped beside the motion's; shape (m, 3)."""
@@ -206,8 +194,8 @@ class JointRefinement:
         beside = self._knot_yaw + wrap_angle(yaw - self._knot_yaw)
         return np.column_stack([ne, beside])
 
-    def _normal_equations(self, knots: Array, gate: float) -> tuple[Array, Array]:
-        """Sonar's information on the knots, (3m, 3m), and the gradient (3m,) at their poses."""
+    def _normal_equations(self, knots: Array, gate: float) -> tuple[Any, Array]:
+        """Sonar's information on the knots, sparse (3m, 3m), and the gradient (3m,) there."""
         from gtsam_nav.graph._echo_kernel import (
             accumulate,
             fixed_points,
@@ -319,8 +307,8 @@ class JointRefinement:
         return float(correlation_excess(residual, normal[a], np.sort(run), clip, MAX_LAG))
 
 
-def _assemble(a: IntArray, b: IntArray, A: Array, g: Array, n_knots: int) -> tuple[Array, Array]:
-    """Blocks over (a, a + 1, b, b + 1) summed into one matrix over all knots."""
+def _assemble(a: IntArray, b: IntArray, A: Array, g: Array, n_knots: int) -> tuple[Any, Array]:
+    """Blocks over (a, a + 1, b, b + 1) summed into one sparse matrix over all knots."""
     from scipy.sparse import coo_array
 
     knots = np.stack([a, a + 1, b, b + 1], axis=1)
@@ -331,4 +319,4 @@ def _assemble(a: IntArray, b: IntArray, A: Array, g: Array, n_knots: int) -> tup
         (A.ravel(), (rows, np.tile(columns, (1, 12)).ravel())), shape=(size, size)
     )
     gradient = np.bincount(columns.ravel(), g.ravel(), minlength=size)
-    return np.asarray(information.toarray()), np.asarray(gradient, dtype=float)
+    return information.tocsr(), np.asarray(gradient, dtype=float)

@@ -81,7 +81,8 @@ class Case:
             self.fraction,
             self.weight,
         )
-        return _assemble(intervals // n, intervals % n, A, g, n)
+        information, gradient = _assemble(intervals // n, intervals % n, A, g, n)
+        return information.toarray(), gradient
 
 
 def case(seed: int, residual_m: float = 0.3) -> Case:
