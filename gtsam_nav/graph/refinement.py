@@ -20,6 +20,7 @@ from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.knot_system import JointPosterior, KnotSystem
 from gtsam_nav.graph.problem import Problem
+from gtsam_nav.graph.scan_pairs import PlacedEchoes, ScanPairs, nearby_scans
 from gtsam_nav.graph.sensor_posterior import SensorPosterior, sensor_posterior
 from gtsam_nav.graph.settings import RefinementSettings
 from gtsam_nav.series import BoolArray, IntArray
@@ -168,9 +169,10 @@ class JointRefinement:
         """Iterate associations on one linearisation of the sensors."""
         origin = self._planar_of(system.system.values)
         planar = np.zeros_like(origin)
+        pairs = self._scan_pairs(origin)
         count, settled = 0, False
         while not settled and before + count < self.settings.max_iterations:
-            information, gradient = self._normal_equations(origin + planar, gate)
+            information, gradient = self._normal_equations(origin + planar, pairs, gate)
             posterior = system.with_sonar(information, gradient + information @ planar.ravel())
             step = posterior.planar - planar
             planar = posterior.planar
@@ -186,6 +188,16 @@ class JointRefinement:
             )
         return posterior, gate, count, settled
 
+    def _scan_pairs(self, knots: Array) -> ScanPairs:
+        """The scans to be compared, as they lie at given poses of the knots."""
+        near = nearby_scans(
+            knots[self._scan_knot, :2],
+            np.diff(self.scan_first),
+            self.settings.neighbour_radius_m,
+            self.settings.max_neighbours,
+        )
+        return ScanPairs(near, self.knots.knot, self.scan_first, len(knots))
+
     def _planar_of(self, values: Any) -> Array:
         """North, east and yaw of the knots, yaw unwrapped beside the motion's; shape (m, 3)."""
         states = [values.atNavState(X(int(k))) for k in self.knots.keyframes]
@@ -194,52 +206,38 @@ class JointRefinement:
         beside = self._knot_yaw + wrap_angle(yaw - self._knot_yaw)
         return np.column_stack([ne, beside])
 
-    def _normal_equations(self, knots: Array, gate: float) -> tuple[Any, Array]:
+    def _normal_equations(
+        self, knots: Array, pairs: ScanPairs, gate: float
+    ) -> tuple[Any, Array]:
         """Sonar's information on the knots, sparse (3m, 3m), and the gradient (3m,) there."""
+        from gtsam_nav.graph._echo_equations import squared_residuals
         from gtsam_nav.graph._echo_kernel import (
-            accumulate,
             fixed_points,
             grid,
             local_lines,
             partners,
-            squared_residuals,
+            sorted_by_x,
         )
 
-        xy, arms, cov = self._place(knots)
+        placed = self._place(knots)
+        xy, cov = placed.xy, placed.cov
         s = self.settings
-        normal, is_line = local_lines(xy, self.scan_first, s.line_radius_m, s.line_thickness_m)
-        vehicle = knots[self._scan_knot, :2]
+        by_x = sorted_by_x(xy, self.scan, self.scan_first)
+        normal, is_line = local_lines(by_x, s.line_radius_m, s.line_thickness_m)
         eligible = is_line | fixed_points(
             xy, grid(xy, s.point_radius_m), normal, is_line, s.point_radius_m
         )
-        i, j = partners(
-            xy,
-            grid(xy, gate),
-            self.scan,
-            len(vehicle),
-            vehicle,
-            s.neighbour_radius_m,
-            gate,
-            normal,
-            is_line,
-            eligible,
-        )
-        i, j = self._keep_trusted_points(i, j, is_line)
-        d2 = squared_residuals(i, j, xy, cov, normal, is_line)
-        weight = self._weights(i, d2, is_line)
+        i, j, first = partners(pairs.scans, by_x, gate, normal, is_line, eligible)
+        i, j, first = self._keep_trusted_points(i, j, first, is_line)
+        weight = self._weights(i, squared_residuals(i, j, xy, cov, normal, is_line), is_line)
         if self._rounds % SHARED_ERROR_EVERY == 0:
+            vehicle = knots[self._scan_knot, :2]
             self._excess = self._shared_error(i, j, xy, vehicle, normal, is_line)
         self._rounds += 1
         weight /= self._excess
-        intervals, block = np.unique(
-            self.knots.knot[i] * len(knots) + self.knots.knot[j], return_inverse=True
-        )
-        A, g = accumulate(
-            i, j, block, len(intervals), xy, arms, cov, normal, is_line, self.knots.fraction, weight
-        )
-        return _assemble(intervals // len(knots), intervals % len(knots), A, g, len(knots))
+        return pairs.normal_equations(i, j, first, placed, normal, is_line, weight)
 
-    def _place(self, knots: Array) -> tuple[Array, Array, Array]:
+    def _place(self, knots: Array) -> PlacedEchoes:
         """Echoes in the navigation frame, their arms from the knots, and covariances.
 
         Each of the two knots carries the motion's path to the echo along, turned by its own
@@ -256,19 +254,18 @@ class JointRefinement:
             arms[:, end] = np.einsum("kij,kj->ki", planar_rotations(turn[k + end]), path)
         arms += from_vehicle[:, None]
         xy = (1 - f) * (knots[k, :2] + arms[:, 0]) + f * (knots[k + 1, :2] + arms[:, 1])
-        return xy, arms, B @ self.cov_b @ np.swapaxes(B, 1, 2)
+        cov = B @ self.cov_b @ np.swapaxes(B, 1, 2)
+        return PlacedEchoes(xy, arms, cov, self.knots.fraction)
 
     def _keep_trusted_points(
-        self, i: IntArray, j: IntArray, is_line: BoolArray
-    ) -> tuple[IntArray, IntArray]:
-        """Off the walls only mutual choices count, and only places that several scans saw."""
-        from gtsam_nav.graph._echo_kernel import mutual
+        self, i: IntArray, j: IntArray, first: IntArray, is_line: BoolArray
+    ) -> tuple[IntArray, IntArray, IntArray]:
+        """Off the walls only places that several scans saw count."""
+        from gtsam_nav.graph._echo_kernel import kept
 
-        keep = is_line[i] | mutual(i, j, self.scan, len(self.scan))
-        i, j = i[keep], j[keep]
         seen = np.bincount(i, minlength=len(self.scan)) >= self.settings.min_sightings
         keep = is_line[i] | (seen[i] & seen[j])
-        return i[keep], j[keep]
+        return i[keep], j[keep], kept(keep, first)
 
     def _weights(self, i: IntArray, d2: Array, is_line: BoolArray) -> Array:
         """Cauchy weights in units of the spread found, shared among an echo's many partners."""
@@ -292,7 +289,7 @@ class JointRefinement:
         Motion within the scan and the beam's shape displace neighbouring echoes alike; this many
         of them are worth one independent echo.
         """
-        from gtsam_nav.graph._echo_kernel import correlation_excess
+        from gtsam_nav.graph._echo_equations import correlation_excess
 
         walls = np.flatnonzero(is_line[i])
         if len(walls) == 0:
@@ -306,17 +303,3 @@ class JointRefinement:
         clip = 3.0 * 1.4826 * float(np.median(np.abs(residual)))
         return float(correlation_excess(residual, normal[a], np.sort(run), clip, MAX_LAG))
 
-
-def _assemble(a: IntArray, b: IntArray, A: Array, g: Array, n_knots: int) -> tuple[Any, Array]:
-    """Blocks over (a, a + 1, b, b + 1) summed into one sparse matrix over all knots."""
-    from scipy.sparse import coo_array
-
-    knots = np.stack([a, a + 1, b, b + 1], axis=1)
-    columns = (3 * knots[:, :, None] + np.arange(3)).reshape(len(a), 12)
-    rows = np.repeat(columns, 12, axis=1).ravel()
-    size = 3 * n_knots
-    information = coo_array(
-        (A.ravel(), (rows, np.tile(columns, (1, 12)).ravel())), shape=(size, size)
-    )
-    gradient = np.bincount(columns.ravel(), g.ravel(), minlength=size)
-    return information.tocsr(), np.asarray(gradient, dtype=float)

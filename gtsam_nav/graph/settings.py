@@ -67,6 +67,8 @@ class RefinementSettings(Settings):
         Stop where no keyframe moves further in an iteration.
     neighbour_radius_m : float
         Scans taken further apart are not compared.
+    max_neighbours : int
+        Scans that each is compared with at most: the nearest of each passage first.
     first_gate_m, last_gate_m, gate_factor : float
         Partners are sought within a distance that shrinks by a factor each iteration.
     line_radius_m, line_thickness_m : float
@@ -81,6 +83,7 @@ class RefinementSettings(Settings):
     max_iterations: int = Field(default=40, ge=0)
     converged_m: float = Field(default=0.01, gt=0)
     neighbour_radius_m: float = Field(default=30.0, gt=0)
+    max_neighbours: int = Field(default=1000, ge=2)
     first_gate_m: float = Field(default=3.0, gt=0)
     last_gate_m: float = Field(default=1.0, gt=0)
     gate_factor: float = Field(default=0.85, gt=0, le=1)
