@@ -83,7 +83,7 @@ class RefinementSettings(Settings):
     max_iterations: int = Field(default=40, ge=0)
     converged_m: float = Field(default=0.01, gt=0)
     neighbour_radius_m: float = Field(default=30.0, gt=0)
-    max_neighbours: int = Field(default=1000, ge=2)
+    max_neighbours: int = Field(default=30, ge=2)
     first_gate_m: float = Field(default=3.0, gt=0)
     last_gate_m: float = Field(default=1.0, gt=0)
     gate_factor: float = Field(default=0.85, gt=0, le=1)
