@@ -198,15 +198,20 @@ def own_by_interval(
     blocks, gradients : ndarray, shapes (n_intervals, 6, 6) and (n_intervals, 6)
     """
     blocks, gradients = np.zeros((n_intervals, 6, 6)), np.zeros((n_intervals, 6))
-    K, H = np.zeros((3, 6)), np.empty((3, 3))
+    K, HK = np.zeros((3, 6)), np.empty((3, 6))
     axis = np.eye(3)
     for e in range(len(own)):
         if own[e, 0, 0] + own[e, 1, 1] == 0.0:
             continue
         for c in range(3):
             _moved_by_knots(K[c], arms[e], fraction[e], axis[c, 0], axis[c, 1], axis[c, 2])
-            for d in range(3):
-                H[c, d] = own[e, min(c, d), max(c, d)]
-        blocks[interval[e]] += K.T @ (H @ K)
-        gradients[interval[e]] += g[e] @ K
+        block, gradient, H = blocks[interval[e]], gradients[interval[e]], own[e]
+        for c in range(6):
+            HK[0, c] = H[0, 0] * K[0, c] + H[0, 1] * K[1, c] + H[0, 2] * K[2, c]
+            HK[1, c] = H[0, 1] * K[0, c] + H[1, 1] * K[1, c] + H[1, 2] * K[2, c]
+            HK[2, c] = H[0, 2] * K[0, c] + H[1, 2] * K[1, c] + H[2, 2] * K[2, c]
+            gradient[c] += g[e, 0] * K[0, c] + g[e, 1] * K[1, c] + g[e, 2] * K[2, c]
+        for c in range(6):
+            for d in range(6):
+                block[c, d] += K[0, c] * HK[0, d] + K[1, c] * HK[1, d] + K[2, c] * HK[2, d]
     return blocks, gradients

@@ -109,14 +109,18 @@ class Backend:
         """Marginal covariance (9, 9) of keyframe k in its tangent space."""
         return np.asarray(self._isam.marginalCovariance(X(k)))
 
-    def joint_planar_covariance(self, a: int, b: int) -> Array:
-        """Covariance (6, 6) of (dn, de, dyaw) of two keyframes."""
-        marginal = self._isam.jointMarginalCovariance([X(a), X(b)])
-        joint = np.block([[marginal.at(X(i), X(j)) for j in (a, b)] for i in (a, b)])
-        S = np.zeros((6, 18))
-        S[:3, :9] = planar_rows(self._isam.calculateEstimateNavState(X(a)).attitude().matrix())
-        S[3:, 9:] = planar_rows(self._isam.calculateEstimateNavState(X(b)).attitude().matrix())
-        return np.asarray(S @ joint @ S.T)
+    def joint_planar_covariances(self, earlier: list[int], b: int) -> list[Array]:
+        """Covariances (6, 6) of (dn, de, dyaw) of each of some keyframes and of keyframe b."""
+        marginal = self._isam.jointMarginalCovariance([X(k) for k in (*earlier, b)])
+        S = {
+            k: planar_rows(self._isam.calculateEstimateNavState(X(k)).attitude().matrix())
+            for k in (*earlier, b)
+        }
+
+        def block(k: int, m: int) -> Array:
+            return np.asarray(S[k] @ marginal.at(X(k), X(m)) @ S[m].T)
+
+        return [np.block([[block(k, m) for m in (a, b)] for k in (a, b)]) for a in earlier]
 
     def values(self) -> Any:
         """Current estimate of everything."""

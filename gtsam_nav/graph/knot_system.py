@@ -47,6 +47,8 @@ class KnotSystem:
     keyframes : ndarray of int, shape (m,)
         The knots, in order.
     problem : Problem
+    touching : scipy.sparse array, shape (3 m, 3 m)
+        Positive wherever the sonar may tell something of a step (dn, de, dyaw) of two knots.
 
     Attributes
     ----------
@@ -66,7 +68,9 @@ class KnotSystem:
         Where the graph does not determine its variables.
     """
 
-    def __init__(self, graph: Any, values: Any, keyframes: IntArray, problem: Problem) -> None:
+    def __init__(
+        self, graph: Any, values: Any, keyframes: IntArray, problem: Problem, touching: Any
+    ) -> None:
         self.system = linearised(graph, values, problem)
         self.turn = _turned_into_n(self.system, keyframes)
         H = (self.turn @ self.system.H @ self.turn.T).tocsc()
@@ -82,9 +86,10 @@ class KnotSystem:
         self.planar = self.chain.place[planar] - np.count_nonzero(inner)
         is_planar = np.zeros(self._H.shape[0], dtype=bool)
         is_planar[self.planar] = True
-        self._node, node_keyframe = _nodes(keyframe[self.chain.left_over], is_planar)
+        node, node_keyframe = _nodes(keyframe[self.chain.left_over], is_planar)
         ne = np.array([values.atNavState(X(k)).position()[:2] for k in range(len(problem.t))])
-        self._place = np.where(node_keyframe[:, None] >= 0, ne[node_keyframe], np.nan)
+        place = np.where(node_keyframe[:, None] >= 0, ne[node_keyframe], np.nan)
+        self._fronts = _fronts(abs(self._H) + self._among_outer(touching), node, place)
 
     def with_sonar(self, A: Any, gradient: Array) -> JointPosterior:
         """The Gaussian that the sensors and the sonar make together.
@@ -92,34 +97,23 @@ class KnotSystem:
         Parameters
         ----------
         A : scipy.sparse array, shape (3 m, 3 m)
-            The sonar's information on a step (dn, de, dyaw) of the knots.
+            The sonar's information on a step (dn, de, dyaw) of the knots, where these touch.
         gradient : ndarray, shape (3 m,)
             The sonar alone would solve ``A step = gradient``.
         """
+        whole = self._H + self._among_outer(A)
+        right = self.right[-whole.shape[0] :].copy()
+        right[self.planar, 0] += gradient
+        factor = _eliminated(whole, *self._fronts)
+        return JointPosterior(self, factor, factor.solve(right))
+
+    def _among_outer(self, A: Any) -> Any:
+        """A matrix over the planar poses as one over all outer variables."""
         from scipy.sparse import coo_array
 
         A = A.tocoo()
         places = (self.planar[A.row], self.planar[A.col])
-        whole = (self._H + coo_array((A.data, places), shape=self._H.shape)).tocsc()
-        right = self.right[-whole.shape[0] :].copy()
-        right[self.planar, 0] += gradient
-        factor = _eliminated(whole, *self._fronts(whole))
-        return JointPosterior(self, factor, factor.solve(right))
-
-    def _fronts(self, whole: Any) -> tuple[list[IntArray], list[int]]:
-        """Columns of each front, and each one's parent."""
-        from scipy.sparse import coo_array
-
-        n = len(self._place)
-        entries = whole.tocoo()
-        pairs = np.unique(self._node[entries.row] * n + self._node[entries.col])
-        ones = np.ones(len(pairs), dtype=np.int32)
-        adjacent = coo_array((ones, (pairs // n, pairs % n)), shape=(n, n)).tocsr()
-        width = np.bincount(self._node, minlength=n)
-        fronts = nested_dissection(adjacent, self._place, width)
-        by_node = np.split(np.argsort(self._node, kind="stable"), np.cumsum(width)[:-1])
-        columns = [np.concatenate([by_node[k] for k in nodes.tolist()]) for nodes in fronts.nodes]
-        return columns, fronts.parent
+        return coo_array((A.data, places), shape=self._H.shape).tocsc()
 
 
 class JointPosterior:
@@ -247,6 +241,22 @@ def _nodes(keyframe: IntArray, is_planar: BoolArray) -> tuple[IntArray, IntArray
     code = np.where(keyframe < 0, -1, 2 * keyframe + is_planar)
     codes, node = np.unique(code, return_inverse=True)
     return node, codes // 2
+
+
+def _fronts(matrix: Any, node: IntArray, place: Array) -> tuple[list[IntArray], list[int]]:
+    """Columns of each front of a matrix, and each one's parent."""
+    from scipy.sparse import coo_array
+
+    n = len(place)
+    entries = matrix.tocoo()
+    pairs = np.unique(node[entries.row] * n + node[entries.col])
+    ones = np.ones(len(pairs), dtype=np.int32)
+    adjacent = coo_array((ones, (pairs // n, pairs % n)), shape=(n, n)).tocsr()
+    width = np.bincount(node, minlength=n)
+    fronts = nested_dissection(adjacent, place, width)
+    by_node = np.split(np.argsort(node, kind="stable"), np.cumsum(width)[:-1])
+    columns = [np.concatenate([by_node[k] for k in nodes.tolist()]) for nodes in fronts.nodes]
+    return columns, fronts.parent
 
 
 def _eliminated(matrix: Any, columns: list[IntArray], parent: list[int]) -> Factor:

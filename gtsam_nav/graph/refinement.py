@@ -153,8 +153,14 @@ class JointRefinement:
         """
         gate, iterations = self.settings.first_gate_m, 0
         for _ in range(MAX_RELINEARISATIONS):
-            system = KnotSystem(graph, values, self.knots.keyframes, self.problem)
-            posterior, gate, count, settled = self._solve(system, gate, iterations, progress)
+            origin = self._planar_of(values)
+            pairs = self._scan_pairs(origin)
+            system = KnotSystem(
+                graph, values, self.knots.keyframes, self.problem, pairs.touching
+            )
+            posterior, gate, count, settled = self._solve(
+                system, origin, pairs, gate, iterations, progress
+            )
             iterations += count
             values = posterior.moved()
             moved = float(np.max(np.abs(posterior.planar[:, :2])))
@@ -166,12 +172,16 @@ class JointRefinement:
         return Refined(values, posterior, iterations, done)
 
     def _solve(
-        self, system: KnotSystem, gate: float, before: int, progress: Progress
+        self,
+        system: KnotSystem,
+        origin: Array,
+        pairs: ScanPairs,
+        gate: float,
+        before: int,
+        progress: Progress,
     ) -> tuple[JointPosterior, float, int, bool]:
         """Iterate associations on one linearisation of the sensors."""
-        origin = self._planar_of(system.system.values)
         planar = np.zeros_like(origin)
-        pairs = self._scan_pairs(origin)
         count, settled = 0, False
         while not settled and before + count < self.settings.max_iterations:
             information, gradient = self._normal_equations(origin + planar, pairs, gate)

@@ -99,6 +99,18 @@ class ScanPairs:
             return_inverse=True,
         )
 
+    @property
+    def touching(self) -> Any:
+        """Ones where the echoes of compared scans may tell something, sparse (3 n, 3 n)."""
+        return self._sparse(self._codes, np.ones((len(self._codes), 3, 3)))
+
+    def _sparse(self, codes: IntArray, blocks: Array) -> Any:
+        from scipy.sparse import bsr_array
+
+        n = self._n_knots
+        ends = np.searchsorted(codes, n * np.arange(n + 1))
+        return bsr_array((blocks, codes % n, ends), shape=(3 * n, 3 * n))
+
     def _of_knots(self, a: IntArray, b: IntArray) -> IntArray:
         """Row times ``n_knots`` plus column of the four blocks of each two intervals, (4 n,)."""
         return ((a + [[0], [0], [1], [1]]) * self._n_knots + b + [[0], [1], [0], [1]]).T.ravel()
@@ -122,8 +134,6 @@ class ScanPairs:
         normal, is_line : ndarray, shapes (k, 2) and (k,)
         weight : ndarray, shape (m,)
         """
-        from scipy.sparse import bsr_array
-
         n, (xy, arms, cov, fraction) = self._n_knots, placed
         across, own, g = accumulate(
             i,
@@ -147,9 +157,7 @@ class ScanPairs:
         gradient[:-1] += gradients[:, :3]
         gradient[1:] += gradients[:, 3:]
         told = np.any(blocks, axis=(1, 2))
-        ends = np.searchsorted(self._codes[told], n * np.arange(n + 1))
-        columns = self._codes[told] % n
-        return bsr_array((blocks[told], columns, ends), shape=(3 * n, 3 * n)), gradient.ravel()
+        return self._sparse(self._codes[told], blocks[told]), gradient.ravel()
 
 
 @numba.njit(cache=True)

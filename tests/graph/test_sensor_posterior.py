@@ -179,7 +179,8 @@ def test_sensors_and_sonar_equal_the_dense_system(
     cov = dense.cov - gain @ information @ P.T @ dense.cov
     mean = dense.mean + gain @ (gradient - information @ P.T @ dense.mean)
 
-    knots = KnotSystem(case.graph, case.values, KNOTS, case.problem)
+    touching = coo_array(np.ones((12, 12)))
+    knots = KnotSystem(case.graph, case.values, KNOTS, case.problem, touching)
     joint = knots.with_sonar(coo_array(information), gradient)
     n, columns = len(knots.system.g), knots.system.columns
     assert_close_in_sigmas(joint.planar.ravel(), P.T @ mean, P.T @ cov @ P, 1e-3)
