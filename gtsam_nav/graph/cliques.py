@@ -76,9 +76,7 @@ class _Search:
         while candidates != before:
             before = candidates
             wanted = self.best.bit_count() - sure.bit_count()
-            count = {
-                k: (self.neighbours[k] & candidates).bit_count() for k in _members(candidates)
-            }
+            count = {k: (self.neighbours[k] & candidates).bit_count() for k in _members(candidates)}
             for k in [k for k, neighbours in count.items() if neighbours < wanted]:
                 candidates &= ~(1 << k)
             for k in _members(candidates):

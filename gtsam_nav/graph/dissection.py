@@ -84,8 +84,6 @@ def _separated(
     """Two halves along a coordinate, and the narrower of what divides them."""
     high = np.zeros(len(coordinate), dtype=bool)
     high[np.argsort(coordinate, kind="stable")[len(coordinate) // 2 :]] = True
-    borders = [
-        side & (adjacent @ (~side).astype(np.int32) > 0) for side in (high, ~high)
-    ]
+    borders = [side & (adjacent @ (~side).astype(np.int32) > 0) for side in (high, ~high)]
     separator = min(borders, key=lambda border: int(width[border].sum()))
     return ~high & ~separator, high & ~separator, separator

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
-import gtsam
 import numpy as np
 
 from gtsam_nav.errors import EstimationError
@@ -78,9 +77,7 @@ class KnotSystem:
         inner = _between(H, keyframe, keyframes, len(problem.t))
         self.chain = _eliminated(H, *_components(H, inner))
         self._H = self.chain.remainder(H)
-        self.right = self.chain.forward(
-            self.turn @ np.column_stack([self.system.g, self.system.h])
-        )
+        self.right = self.chain.forward(self.turn @ np.column_stack([self.system.g, self.system.h]))
         starts = np.array([self.system.columns[X(k)].start for k in keyframes.tolist()])
         planar = (starts[:, None] + PLANAR_PART).ravel()
         self.planar = self.chain.place[planar] - np.count_nonzero(inner)

@@ -101,7 +101,7 @@ class Factor:
         """``L^-1 b``, shape (n, k), in the order of elimination; of what is left over the rest."""
         from scipy.linalg import solve_triangular
 
-        y = b[self.order]
+        y: Array = b[self.order]
         for front in self._fronts:
             y[front.own] = solve_triangular(front.L, y[front.own], lower=True, check_finite=False)
             y[front.border] -= front.W.T @ y[front.own]
@@ -115,9 +115,7 @@ class Factor:
         x = y.copy()
         for front in reversed(self._fronts):
             right = x[front.own] - front.W @ x[front.border]
-            x[front.own] = solve_triangular(
-                front.L, right, lower=True, trans=1, check_finite=False
-            )
+            x[front.own] = solve_triangular(front.L, right, lower=True, trans=1, check_finite=False)
         out = np.empty_like(x)
         out[self.order] = x
         return out

@@ -127,7 +127,7 @@ def _match_scan(
 
 def _searches(new: int, n_scans: int, most: int) -> bool:
     """Whether a scan is one of so many at even intervals."""
-    return new * most // n_scans != (new - 1) * most // n_scans or n_scans <= most
+    return new * most // n_scans > (new - 1) * most // n_scans
 
 
 def _relative_poses(

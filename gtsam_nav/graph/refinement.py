@@ -155,9 +155,7 @@ class JointRefinement:
         for _ in range(MAX_RELINEARISATIONS):
             origin = self._planar_of(values)
             pairs = self._scan_pairs(origin)
-            system = KnotSystem(
-                graph, values, self.knots.keyframes, self.problem, pairs.touching
-            )
+            system = KnotSystem(graph, values, self.knots.keyframes, self.problem, pairs.touching)
             posterior, gate, count, settled = self._solve(
                 system, origin, pairs, gate, iterations, progress
             )
@@ -220,9 +218,7 @@ class JointRefinement:
         beside = self._knot_yaw + wrap_angle(yaw - self._knot_yaw)
         return np.column_stack([ne, beside])
 
-    def _normal_equations(
-        self, knots: Array, pairs: ScanPairs, gate: float
-    ) -> tuple[Any, Array]:
+    def _normal_equations(self, knots: Array, pairs: ScanPairs, gate: float) -> tuple[Any, Array]:
         """Sonar's information on the knots, sparse (3m, 3m), and the gradient (3m,) there."""
         from gtsam_nav.graph._echo_equations import squared_residuals
         from gtsam_nav.graph._echo_kernel import (
@@ -316,4 +312,3 @@ class JointRefinement:
         residual = np.einsum("ki,ki->k", side * normal[b], xy[a] - xy[b])
         clip = 3.0 * 1.4826 * float(np.median(np.abs(residual)))
         return float(correlation_excess(residual, normal[a], np.sort(run), clip, MAX_LAG))
-

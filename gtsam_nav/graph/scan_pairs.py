@@ -113,7 +113,9 @@ class ScanPairs:
 
     def _of_knots(self, a: IntArray, b: IntArray) -> IntArray:
         """Row times ``n_knots`` plus column of the four blocks of each two intervals, (4 n,)."""
-        return ((a + [[0], [0], [1], [1]]) * self._n_knots + b + [[0], [1], [0], [1]]).T.ravel()
+        row, column = np.divmod(np.arange(4), 2)
+        codes = np.add.outer(a, row) * self._n_knots + np.add.outer(b, column)
+        return np.asarray(codes.ravel(), dtype=np.int64)
 
     def normal_equations(
         self,

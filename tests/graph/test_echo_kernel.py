@@ -10,7 +10,15 @@ import pytest
 
 from gtsam_nav.frames import Array
 from gtsam_nav.graph._echo_equations import squared_residuals
-from gtsam_nav.graph._echo_kernel import ByX, fixed_points, grid, kept, local_lines, partners, sorted_by_x
+from gtsam_nav.graph._echo_kernel import (
+    ByX,
+    fixed_points,
+    grid,
+    kept,
+    local_lines,
+    partners,
+    sorted_by_x,
+)
 from gtsam_nav.graph.scan_pairs import PlacedEchoes, ScanPairs
 from gtsam_nav.series import BoolArray, IntArray
 from gtsam_nav.sonar.scans import planar_rotations
@@ -62,9 +70,7 @@ class Case:
 
     def system(self) -> tuple[Array, Array]:
         pairs = ScanPairs(np.array([[0, 1]]), self.knot, self.scan_first, len(self.knots))
-        placed = PlacedEchoes(
-            self.xy(self.knots), self.arms(self.knots), self.cov, self.fraction
-        )
+        placed = PlacedEchoes(self.xy(self.knots), self.arms(self.knots), self.cov, self.fraction)
         first = np.array([0, len(self.i)])
         information, gradient = pairs.normal_equations(
             self.i, self.j, first, placed, self.normal, self.is_line, self.weight

@@ -32,7 +32,7 @@ def positive(pattern: Any, rng: np.random.Generator) -> Any:
 @pytest.fixture(params=[0, 1])
 def place(request: pytest.FixtureRequest) -> Array:
     rng = np.random.default_rng(request.param)
-    return np.concatenate([rng.uniform(0, 60, (90, 2)), rng.uniform(0, 60, (90, 2)) + [200, 0]])
+    return np.concatenate([rng.uniform(0, 60, (90, 2)), rng.uniform(200, 260, (90, 2))])
 
 
 def test_fronts_hold_each_node_once_and_what_touches_lies_on_one_branch(place: Array) -> None:
