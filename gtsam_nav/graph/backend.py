@@ -16,7 +16,10 @@ from gtsam_nav.graph.problem import Problem, Reading, SensorFactor
 from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.graph.scan_matching import PlanarPose
 
-RELINEARIZE_THRESHOLD = 0.05
+RELINEARIZE_TURN_RAD, RELINEARIZE_MOVE = 0.05, 0.5
+"""iSAM2 linearises a state anew once it has turned so far, or moved (m, m/s): residuals bend with
+turns, and are all but straight in positions."""
+RELINEARIZE_BIAS = 0.05
 DOUBTED = Robustness(kernel="cauchy")
 """Of readings that may be outliers: while they come in, none is judged for good."""
 
@@ -142,7 +145,11 @@ def _first_lines(error: RuntimeError) -> str:
 
 def _isam2(is_stiff: bool) -> Any:
     parameters = gtsam.ISAM2Params()
-    parameters.setRelinearizeThreshold(RELINEARIZE_THRESHOLD)
+    thresholds = gtsam.ISAM2ThresholdMap()
+    for kind in "xmgls":
+        thresholds.insert((kind, np.repeat([RELINEARIZE_TURN_RAD, RELINEARIZE_MOVE], [3, 6])))
+    thresholds.insert(("b", np.full(6, RELINEARIZE_BIAS)))
+    parameters.setRelinearizeThreshold(thresholds)
     parameters.relinearizeSkip = 1
     if is_stiff:
         parameters.setFactorization("QR")
