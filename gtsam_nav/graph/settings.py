@@ -85,7 +85,7 @@ class RefinementSettings(Settings):
     """
 
     max_iterations: int = Field(default=40, ge=0)
-    converged_m: float = Field(default=0.01, gt=0)
+    converged_m: float = Field(default=0.03, gt=0)
     neighbour_radius_m: float = Field(default=30.0, gt=0)
     max_neighbours: int = Field(default=30, ge=2)
     first_gate_m: float = Field(default=3.0, gt=0)
