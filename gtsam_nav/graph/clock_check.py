@@ -52,7 +52,7 @@ def suspected_clocks(
     )
     graph = graph_of(problem.entries)
     graph.push_back(settled.factors)
-    found = sensor_posterior(graph, values, np.empty(0, dtype=np.int64), doubting).calibration
+    found = sensor_posterior(graph, values, np.empty(0, dtype=np.int64), doubting).constants
     offsets, sigmas = (of[-len(errors) :] for of in (found.mean, np.sqrt(np.diag(found.cov))))
     for name, offset_s, sigma_s in zip(receivers, offsets, sigmas, strict=True):
         own = [row.residual for row in rows if row.sensor == name and row.used]

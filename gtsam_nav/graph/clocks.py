@@ -114,10 +114,10 @@ def find_clocks(
         used, graph = _factors(problem, values, kernel)
         clocks.describe(problem, used, values)
         posterior = sensor_posterior(graph, values, np.empty(0, dtype=np.int64), problem)
-        step = posterior.calibration.mean[-len(errors) :]
-        sigma = np.sqrt(np.diag(posterior.calibration.cov)[-len(errors) :])
+        step = posterior.constants.mean[-len(errors) :]
+        sigma = np.sqrt(np.diag(posterior.constants.cov)[-len(errors) :])
         moved = float(np.max(np.abs(step) / sigma))
-        clocks, values = clocks.moved(step), posterior.retracted(posterior.mean)
+        clocks, values = clocks.moved(step), posterior.moved()
         rounds += 1
         log.info("clocks, round %d: %s s, sigmas %s s", rounds, clocks.corrected_s, sigma)
         progress("clocks", rounds / MAX_ROUNDS)

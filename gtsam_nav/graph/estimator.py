@@ -31,6 +31,7 @@ from gtsam_nav.graph.doubts import (
 from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.false_loops import loop_faults
 from gtsam_nav.graph.indeterminacy import check_anchored, states_named
+from gtsam_nav.graph.knot_system import JointPosterior
 from gtsam_nav.graph.loop_judging import judged
 from gtsam_nav.graph.measurements import build_problem, clouds
 from gtsam_nav.graph.online import OnlinePass, match_factor, run_online
@@ -349,7 +350,9 @@ def _covariances(problem: Problem, graph: Any, refined: Refined) -> dict[int, Ar
     keys += [B(k) for k in index] if problem.uses_imu else []
     keys += problem.landmarks.values()
     keys += problem.range_scales.values()
-    covariances = smoothed_covariances(
-        graph, keys, refined.posterior, refined.planar_information, problem.is_stiff
-    )
+    posterior = refined.posterior
+    if isinstance(posterior, JointPosterior):
+        covariances = posterior.covariances(keys)
+    else:
+        covariances = smoothed_covariances(graph, keys, posterior, problem.is_stiff)
     return dict(zip(keys, covariances, strict=True))

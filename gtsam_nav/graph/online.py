@@ -105,25 +105,43 @@ def _match_scan(
     config: Config,
 ) -> None:
     """Register a new scan to the one before and to what it may revisit."""
-    settings, robustness = config.graph.loops, config.graph.robust.loops
-    if len(scans[new]) < config.sonar.scans.min_points:
+    robustness, least = config.graph.robust.loops, config.sonar.scans.min_points
+    if len(scans[new]) < least:
         return
-    t_scans = np.array([scan.t_ref for scan in scans[: new + 1]])
-    chosen = [(new - 1, False)] if new else []
-    chosen += [(old, True) for old in loop_candidates(new, poses, t_scans, settings)]
-    for old, is_loop in chosen:
-        if len(scans[old]) < config.sonar.scans.min_points:
-            continue
-        a, b = int(scan_keyframe[old]), int(scan_keyframe[new])
-        if is_loop:
-            here = planar_pose(done.backend.peek(a), np.eye(9))
-            prior = relative_pose(here, poses[new], done.backend.joint_planar_covariance(a, b))
-        else:
-            prior = done.backend.problem.planar_increment(a, b)
+    tried: list[tuple[int, PlanarPose, bool]] = []
+    if new and len(scans[new - 1]) >= least:
+        a, b = (int(k) for k in scan_keyframe[new - 1 : new + 1])
+        tried.append((new - 1, done.backend.problem.planar_increment(a, b), False))
+    if _searches(new, len(scans), config.graph.loops.max_searches):
+        t_scans = np.array([scan.t_ref for scan in scans[: new + 1]])
+        candidates = loop_candidates(new, poses, t_scans, config.graph.loops)
+        candidates = [old for old in candidates if len(scans[old]) >= least]
+        priors = _relative_poses(done.backend, candidates, new, scan_keyframe, poses[new])
+        tried += [(old, prior, True) for old, prior in zip(candidates, priors, strict=True)]
+    for old, prior, is_loop in tried:
         found = match_scans(
             old, new, scans, prior, config.pic, robustness.gate_probability, is_loop
         )
         _take_in(done, found, scan_keyframe, robustness)
+
+
+def _searches(new: int, n_scans: int, most: int) -> bool:
+    """Whether a scan is one of so many at even intervals."""
+    return new * most // n_scans > (new - 1) * most // n_scans
+
+
+def _relative_poses(
+    backend: Backend, earlier: list[int], new: int, scan_keyframe: IntArray, pose: PlanarPose
+) -> list[PlanarPose]:
+    """Estimated poses of a new scan in earlier ones."""
+    if not earlier:
+        return []
+    keyframes = [int(scan_keyframe[old]) for old in earlier]
+    joint = backend.joint_planar_covariances(keyframes, int(scan_keyframe[new]))
+    return [
+        relative_pose(planar_pose(backend.peek(a), np.eye(9)), pose, cov)
+        for a, cov in zip(keyframes, joint, strict=True)
+    ]
 
 
 def _take_in(
