@@ -117,7 +117,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     with clock.stage("isam2"), states_named(problem):
         scans = sonar.scans if sonar else []
         online = run_online(problem, scans, scan_keyframe, config, progress, faults)
-    values = online.backend.values()
+    values = online.values
     with clock.stage("loops"), states_named(problem):
         matches = judged(online.matches, problem, values, scan_keyframe, config)
     joined = [m for m in matches if m.accepted]
