@@ -113,9 +113,9 @@ def _once(mission: Mission, config: Config, recorder: Recorder) -> dict[str, flo
     marks.append(time.process_time())
     _replay(recorder, problem, config.graph.keyframes_per_update)
     marks.append(time.process_time())
-    graph, values = online.backend.graph(), online.backend.values()
+    graph, values = backend.graph_of(problem.entries), online.values
     marks.append(time.process_time())
-    settled = settle(problem, graph, values)
+    settled = settle(problem, problem.entries, values)
     marks.append(time.process_time())
     graph.push_back(settled.factors)
     gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()

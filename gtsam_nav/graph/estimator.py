@@ -184,7 +184,7 @@ def _solved(
         )
         scans = sonar.scans if sonar else []
         online = run_online(problem, scans, scan_keyframe, config, progress, faults)
-    values = online.backend.values()
+    values = online.values
     with clock.stage("loops"), states_named(problem):
         matches = judged(online.matches, problem, values, scan_keyframe, config)
     joined = [m for m in matches if m.accepted]

@@ -30,19 +30,29 @@ from gtsam_nav.solution import Progress
 from gtsam_nav.sonar.scans import Scan
 
 
-@dataclass
+@dataclass(frozen=True)
 class OnlinePass:
     """Outcome of the causal pass.
 
     Attributes
     ----------
-    backend : Backend
-        Holds all factors, scan matches included.
+    values : gtsam.Values
+        Of everything, as iSAM2 knew it in the end.
     states, covariances : lists
         Of each keyframe when it entered.
     matches : list of ScanMatch
         Every registration, by scan index.
     """
+
+    values: Any
+    states: list[Any]
+    covariances: list[Array]
+    matches: list[ScanMatch]
+
+
+@dataclass
+class _Running:
+    """The pass under way; iSAM2's memory goes with it."""
 
     backend: Backend
     states: list[Any] = field(default_factory=list)
@@ -73,7 +83,7 @@ def run_online(
     faults : sequence of LoopFault
         False closures that come among the true ones.
     """
-    done = OnlinePass(Backend(problem))
+    done = _Running(Backend(problem))
     poses: list[PlanarPose] = []
     step = config.graph.keyframes_per_update
     for begin in range(0, len(problem.t), step):
@@ -93,11 +103,11 @@ def run_online(
                     _take_in(done, false, scan_keyframe, config.graph.robust.loops)
         progress("iSAM2", end / len(problem.t))
     done.backend.update()
-    return done
+    return OnlinePass(done.backend.values(), done.states, done.covariances, done.matches)
 
 
 def _match_scan(
-    done: OnlinePass,
+    done: _Running,
     new: int,
     scans: list[Scan],
     scan_keyframe: IntArray,
@@ -145,7 +155,7 @@ def _relative_poses(
 
 
 def _take_in(
-    done: OnlinePass, found: ScanMatch, scan_keyframe: IntArray, robustness: Robustness
+    done: _Running, found: ScanMatch, scan_keyframe: IntArray, robustness: Robustness
 ) -> None:
     """Record a match; an accepted one becomes a factor."""
     done.matches.append(found)
