@@ -1,0 +1,92 @@
+"""The state between two keyframes that are known: the mean and the spread of a bridge.
+
+Errors x of attitude, velocity and position along the navigation axes obey ``x' = F x + w`` with
+white noise w. Of such a process the state at a time t inside an interval T is, given both ends,
+
+``x(t) = (Phi(t) - Psi Phi(T)) x(0) + Psi x(T) + r`` with ``Psi = Q(t) Phi(T - t)' Q(T)^-1``,
+
+where Phi is the transition, Q(t) what the noise has added by then, and r an error that neither end
+knows of, of covariance ``Q(t) - Psi Phi(T - t) Q(t)`` (Barfoot, *State Estimation for Robotics*,
+2017, section 3.4). It is none at both ends.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gtsam_nav.frames import Array, skew
+
+
+@dataclass(frozen=True)
+class Bridge:
+    """How the state at n times follows from the two ends of an interval.
+
+    Attributes
+    ----------
+    by_start, by_end : ndarray, shape (n, 9, 9)
+        Weights of the ends' errors in attitude (rad), velocity (m/s) and position (m).
+    noise : ndarray, shape (n, 9, 9)
+        Covariance of what is left when both ends are known.
+    """
+
+    by_start: Array
+    by_end: Array
+    noise: Array
+
+    def covariance(self, joint: Array) -> Array:
+        """Covariance (n, 9, 9) inside, given the joint one (18, 18) of both ends."""
+        weights = np.concatenate([self.by_start, self.by_end], axis=2)
+        return np.asarray(weights @ joint @ np.swapaxes(weights, 1, 2) + self.noise)
+
+
+def inertial_bridge(t: Array, span_s: float, force_n: Array, gyro2: float, accel2: float) -> Bridge:
+    """Of readings of an IMU with white noise: the turn's error tilts the specific force.
+
+    Parameters
+    ----------
+    t : ndarray, shape (n,)
+        Times after the first end, s.
+    span_s : float
+    force_n : ndarray, shape (3,)
+        Mean specific force, m/s^2.
+    gyro2, accel2 : float
+        Squared densities, rad^2/s and m^2/s^3.
+    """
+    K = -skew(force_n)
+    whole = _added(np.array([span_s]), K, gyro2, accel2)[0]
+    added, rest = _added(t, K, gyro2, accel2), _transition(span_s - t, K)
+    by_end = np.swapaxes(np.linalg.solve(whole, rest @ added), 1, 2)
+    by_start = _transition(t, K) - by_end @ _transition(np.array([span_s]), K)
+    return Bridge(by_start, by_end, added - by_end @ rest @ added)
+
+
+def _transition(t: Array, K: Array) -> Array:
+    """Phi at times (n,), shape (n, 9, 9): a tilt accelerates, a speed moves."""
+    none, one = np.zeros((len(t), 3, 3)), np.broadcast_to(np.eye(3), (len(t), 3, 3))
+    t = t[:, None, None]
+    return np.block([[one, none, none], [K * t, one, none], [K * t**2 / 2, one * t, one]])
+
+
+def _added(t: Array, K: Array, gyro2: float, accel2: float) -> Array:
+    """Q at times (n,), shape (n, 9, 9)."""
+    one, KK = np.eye(3), K @ K.T
+    t = t[:, None, None]
+    turn, tilted, displaced = gyro2 * t * one, gyro2 * t**2 / 2 * K, gyro2 * t**3 / 6 * K
+    speed = gyro2 * t**3 / 3 * KK + accel2 * t * one
+    both = gyro2 * t**4 / 8 * KK + accel2 * t**2 / 2 * one
+    moved = gyro2 * t**5 / 20 * KK + accel2 * t**3 / 3 * one
+    return np.block(
+        [
+            [turn, -tilted, -displaced],
+            [tilted, speed, both],
+            [displaced, both, moved],
+        ]
+    )
+
+
+def steady_bridge(f: Array, noise: Array) -> Bridge:
+    """Of a walk without memory: its ends count by the fraction f (n,), ``noise`` (n, 9) is left."""
+    one = np.eye(9)
+    return Bridge((1 - f)[:, None, None] * one, f[:, None, None] * one, noise[:, :, None] * one)
