@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gtsam_nav.ekf.considered import ConsideredErrors, with_considered
 from gtsam_nav.ekf.constant_velocity import YAW
 from gtsam_nav.ekf.dead_reckoning import filtered_trajectory, fixes_used
 from gtsam_nav.ekf.scan_registration import ScanMatch
@@ -150,7 +151,7 @@ def _corrected(track: ScanTrack, ne: Array, turn: Array, cov_planar: Array) -> T
     cov[:, planar[:, None], planar] = cov_planar
     yaw = np.column_stack([np.zeros((len(turn), 2)), turn])
     v_n = np.einsum("nij,nj->ni", rotation_from_rpy(yaw), own.v_n)
-    return replace(
+    found = replace(
         own,
         p_n=np.column_stack([ne, own.p_n[:, 2]]),
         q_nb_wxyz=quaternion_from_rpy(own.rpy + yaw),
@@ -158,6 +159,8 @@ def _corrected(track: ScanTrack, ne: Array, turn: Array, cov_planar: Array) -> T
         cov_pose_n=cov,
         keyframe=np.isin(own.t, track.t),
     )
+    # a compass that is off throughout turns everything about the start
+    return with_considered(found, ConsideredErrors.of(track.mission).constant_heading)
 
 
 def pose_graph(track: ScanTrack, trajectory: Trajectory, used: Sequence[ScanMatch]) -> PoseGraph:

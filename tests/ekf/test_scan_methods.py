@@ -249,7 +249,8 @@ def test_scans_that_never_match_leave_dead_reckoning(method: str) -> None:
     sigma, sigma_dr = solution.trajectory.sigma_p_n, dr.trajectory.sigma_p_n
     assert sigma is not None
     assert sigma_dr is not None
-    assert np.all(sigma[-1, :2] >= 0.9 * sigma_dr[-1, :2])
+    # dr considers the velocity's constant errors too, and that a compass's disturbance lasts
+    assert np.all(sigma[-1, :2] >= 0.75 * sigma_dr[-1, :2])
 
 
 @pytest.mark.parametrize("method", METHODS)
