@@ -49,7 +49,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
             found = match_consecutive(track, k, config)
             q, cov = track.displacement(k)
             if found.accepted:
-                q, cov = _completed(found.match, q, cov)
+                q, cov = completed(found.match, q, cov)
             pose, J_last, J_q = compound(poses[-1], q)
             poses.append(pose)
             covs.append(J_last @ covs[-1] @ J_last.T + J_q @ cov @ J_q.T)
@@ -70,7 +70,7 @@ def match_consecutive(track: ScanTrack, k: int, config: Config) -> ScanMatch:
     return ScanMatch(k - 1, k, match, "innovation gate" if contradicts else "", nis)
 
 
-def _completed(match: PlanarMatch, prior: Array, cov_prior: Array) -> tuple[Array, Array]:
+def completed(match: PlanarMatch, prior: Array, cov_prior: Array) -> tuple[Array, Array]:
     """A match, and in directions that the scans do not tell what dead reckoning knows."""
     if not len(match.unobserved):
         return match.q, match.cov

@@ -11,7 +11,7 @@ from gtsam_nav.ekf.planar_vehicle import PlanarVehicle
 from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.alignment import Alignment
-from gtsam_nav.preprocess.planar_motion import planar_motion
+from gtsam_nav.preprocess.planar_motion import PlanarMotion, planar_motion
 from gtsam_nav.preprocess.settings import MotionSettings
 from gtsam_nav.sensors.landmarks import Sighting
 
@@ -181,3 +181,30 @@ def test_a_landmark_at_the_sensor_tells_no_bearing(mission: Mission) -> None:
     filtered.update(one.measured[None], one.cov[None], np.array([0]))
     assert np.all(np.isfinite(state(filtered)))
     np.testing.assert_allclose(filtered.P, before)
+
+
+def test_a_compass_that_wanders_makes_the_course_no_worse_than_itself() -> None:
+    """Its error forgets itself: the turn since the start is wrong by two draws of it, not more."""
+    t = np.arange(0.0, 400.0, 0.1)
+    sigma, time_s = 0.03, 20.0
+    motion = PlanarMotion(
+        t,
+        np.zeros((len(t), 2)),
+        np.zeros(len(t)),
+        np.zeros((len(t), 3)),
+        course_is_heading=True,
+        scale_sigma=0.0,
+        curvature_sigma=0.0,
+        disturbance_sigma=sigma,
+        disturbance_time_s=time_s,
+    )
+    start = Alignment(0.0, np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), georeferenced=True)
+    steps = np.arange(0.0, 300.0, 1.0)
+    moving = PlanarVehicle(Mission("m", {}), motion, start, steps)
+    P = moving.P_start.copy()
+    for elapsed in steps[1:]:
+        A, noise = moving.advance()
+        P = A @ P @ A.T + noise
+        expected = 2 * sigma**2 * (1 - np.exp(-elapsed / time_s))
+        assert P[2, 2] == pytest.approx(expected, rel=1e-6)
+        assert P[5, 5] == pytest.approx(sigma**2, rel=1e-6)

@@ -12,10 +12,12 @@ import gtsam_nav as gn
 from gtsam_nav.config import Config, load_config
 from gtsam_nav.ekf.considered import ConsideredErrors
 from gtsam_nav.ekf.pose_slam import PoseFilter, loop_candidates
+from gtsam_nav.ekf.scan_match import completed
 from gtsam_nav.ekf.scan_track import ScanTrack, follow_scans
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.mission import InitialState, Mission, Sensor
+from gtsam_nav.registration.result import PlanarMatch
 from gtsam_nav.series import (
     BeamSeries,
     HeadingSeries,
@@ -351,3 +353,17 @@ def test_stpere(stpere_folder: Path, gnss: str) -> None:
         means[method] = metrics.ate.se2.mean
     assert means["pose-ekf"] <= 1.6
     assert means["pose-ekf"] < means["scan-match"] < means["dr"]
+
+
+def test_along_a_corridor_the_chain_keeps_what_dead_reckoning_knows() -> None:
+    prior, cov_prior = np.array([2.0, 0.1, 0.02]), np.diag([0.3, 0.3, 0.05]) ** 2
+    told = np.diag([100.0, 0.1, 0.01]) ** 2
+    along = np.array([[1.0, 0.0, 0.0]])
+    match = PlanarMatch(np.array([2.4, 0.0, 0.0]), told, 0.9, 5, "", along)
+    q, cov = completed(match, prior, cov_prior)
+    assert q[0] == pytest.approx(2.0, abs=1e-4)
+    assert abs(q[1]) < 0.02
+    np.testing.assert_allclose(np.sqrt(cov[0, 0]), 0.3, rtol=1e-4)
+    assert np.sqrt(cov[1, 1]) < 0.1
+    whole = PlanarMatch(match.q, told, 0.9, 5)
+    np.testing.assert_array_equal(completed(whole, prior, cov_prior)[0], match.q)
