@@ -144,6 +144,7 @@ def _corrected(track: ScanTrack, ne: Array, turn: Array, cov_planar: Array) -> T
     own = filtered_trajectory(track.filtered, track.mission)
     assert own.v_n is not None
     assert own.cov_pose_n is not None
+    assert own.sigma_v_n is not None
     cov = own.cov_pose_n.copy()
     planar = np.array([0, 1, 5])
     cov[:, planar] = 0.0
@@ -151,11 +152,15 @@ def _corrected(track: ScanTrack, ne: Array, turn: Array, cov_planar: Array) -> T
     cov[:, planar[:, None], planar] = cov_planar
     yaw = np.column_stack([np.zeros((len(turn), 2)), turn])
     v_n = np.einsum("nij,nj->ni", rotation_from_rpy(yaw), own.v_n)
+    # a yaw that is wrong turns the velocity
+    variance_v = own.sigma_v_n**2
+    variance_v[:, :2] += cov_planar[:, 2, 2, None] * v_n[:, [1, 0]] ** 2
     found = replace(
         own,
         p_n=np.column_stack([ne, own.p_n[:, 2]]),
         q_nb_wxyz=quaternion_from_rpy(own.rpy + yaw),
         v_n=v_n,
+        sigma_v_n=np.sqrt(variance_v),
         cov_pose_n=cov,
         keyframe=np.isin(own.t, track.t),
     )

@@ -367,3 +367,12 @@ def test_along_a_corridor_the_chain_keeps_what_dead_reckoning_knows() -> None:
     assert np.sqrt(cov[1, 1]) < 0.1
     whole = PlanarMatch(match.q, told, 0.9, 5)
     np.testing.assert_array_equal(completed(whole, prior, cov_prior)[0], match.q)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_yaw_that_is_unsure_makes_the_velocity_unsure(method: str) -> None:
+    trajectory = gn.estimate(circling(), method).trajectory
+    assert trajectory.sigma_rpy is not None
+    assert trajectory.sigma_v_n is not None
+    across = np.linalg.norm(trajectory.sigma_v_n[:, :2], axis=1)
+    assert np.all(across >= 0.999 * SPEED_M_S * trajectory.sigma_rpy[:, 2])
