@@ -29,11 +29,14 @@ class Bridge:
         Weights of the ends' errors in attitude (rad), velocity (m/s) and position (m).
     noise : ndarray, shape (n, 9, 9)
         Covariance of what is left when both ends are known.
+    link : ndarray, shape (9, 9)
+        Information between the ends, ``Phi(T)' Q(T)^-1``.
     """
 
     by_start: Array
     by_end: Array
     noise: Array
+    link: Array
 
     def covariance(self, joint: Array) -> Array:
         """Covariance (n, 9, 9) inside, given the joint one (18, 18) of both ends."""
@@ -58,8 +61,36 @@ def inertial_bridge(t: Array, span_s: float, force_n: Array, gyro2: float, accel
     whole = _added(np.array([span_s]), K, gyro2, accel2)[0]
     added, rest = _added(t, K, gyro2, accel2), _transition(span_s - t, K)
     by_end = np.swapaxes(np.linalg.solve(whole, rest @ added), 1, 2)
-    by_start = _transition(t, K) - by_end @ _transition(np.array([span_s]), K)
-    return Bridge(by_start, by_end, added - by_end @ rest @ added)
+    across = _transition(np.array([span_s]), K)[0]
+    by_start = _transition(t, K) - by_end @ across
+    link = np.linalg.solve(whole, across).T
+    return Bridge(by_start, by_end, added - by_end @ rest @ added, link)
+
+
+def joint_of_neighbours(before: Array, after: Array, link: Array) -> Array:
+    """Joint covariance (18, 18) of two states by their own, and what ties them to each other.
+
+    Where nothing else does, the link is the block between them of the inverse: with C their cross
+    covariance, ``P0^-1 C = link (P1 - C' P0^-1 C)``. In units of their roots that is
+    ``X = M (I - X' X)``, and X has the singular vectors of M.
+
+    Parameters
+    ----------
+    before, after : ndarray, shape (9, 9)
+    link : ndarray, shape (9, 9)
+        Information, ``Phi' Q^-1`` of a transition with its noise.
+    """
+    root_before, root_after = _root(before), _root(after)
+    U, s, V = np.linalg.svd(root_before @ link @ root_after)
+    shared = 2 * s / (1 + np.sqrt(1 + 4 * s**2))
+    cross = root_before @ (U * shared) @ V @ root_after
+    return np.block([[before, cross], [cross.T, after]])
+
+
+def _root(P: Array) -> Array:
+    """Symmetric square root."""
+    variances, axes = np.linalg.eigh(P)
+    return np.asarray((axes * np.sqrt(np.maximum(variances, 0.0))) @ axes.T)
 
 
 def _transition(t: Array, K: Array) -> Array:
@@ -86,7 +117,9 @@ def _added(t: Array, K: Array, gyro2: float, accel2: float) -> Array:
     )
 
 
-def steady_bridge(f: Array, noise: Array) -> Bridge:
-    """Of a walk without memory: its ends count by the fraction f (n,), ``noise`` (n, 9) is left."""
+def steady_bridge(f: Array, noise: Array, link: Array) -> Bridge:
+    """Of a walk without memory: its ends count by the fraction f (n,), ``noise`` (n, 9) is left,
+    and information ``link`` (9,) ties them."""
     one = np.eye(9)
-    return Bridge((1 - f)[:, None, None] * one, f[:, None, None] * one, noise[:, :, None] * one)
+    by_end = f[:, None, None] * one
+    return Bridge(one - by_end, by_end, noise[:, :, None] * one, np.diag(link))

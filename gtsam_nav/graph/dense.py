@@ -2,37 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import gtsam
 import numpy as np
 
 from gtsam_nav.frames import Array, quaternion_from_rotation, rotation_from_rpy, wrap_angle
-from gtsam_nav.graph.bridge import Bridge, inertial_bridge, steady_bridge
+from gtsam_nav.graph.bridge import Bridge, inertial_bridge, joint_of_neighbours, steady_bridge
 from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.problem import InertialStep, Problem
 from gtsam_nav.trajectory import Trajectory
 
-TANGENT = np.r_[0:3, 6:9, 3:6, 9:12, 15:18, 12:15]
-"""Attitude, velocity and position of two states where GTSAM has attitude, position and velocity."""
+TANGENT = np.r_[0:3, 6:9, 3:6]
+"""Attitude, velocity and position where GTSAM has attitude, position and velocity."""
 POSE = np.r_[6:9, 0:3]
 """Position, then attitude, among attitude, velocity and position."""
 
 
 def dense_trajectory(
-    problem: Problem, values: Any, keyframes: Trajectory, pairs: list[Array]
+    problem: Problem, values: Any, keyframes: Trajectory, covariances: Mapping[int, Array]
 ) -> Trajectory:
     """Keyframes and what is between: by the IMU where there is one that is fast enough, else by the
     vehicle's own motion.
 
     Parameters
     ----------
-    pairs : list of ndarray, shape (18, 18)
-        Joint tangent covariance of each keyframe but the first with the one before it, which comes
-        first.
+    covariances : mapping of int to ndarray, shape (9, 9)
+        Of each keyframe's tangent, by its key.
     """
     if problem.uses_imu:
-        return _along_imu(problem, values, keyframes, pairs)
+        return _along_imu(problem, values, keyframes, covariances)
     return _along_motion(problem, keyframes)
 
 
@@ -83,7 +83,7 @@ def _along_motion(problem: Problem, keyframes: Trajectory) -> Trajectory:
 
 
 def _along_imu(
-    problem: Problem, values: Any, keyframes: Trajectory, pairs: list[Array]
+    problem: Problem, values: Any, keyframes: Trajectory, covariances: Mapping[int, Array]
 ) -> Trajectory:
     """The IMU's readings from each keyframe on; what they miss the next one by is spread."""
     t_key = keyframes.t
@@ -91,7 +91,7 @@ def _along_imu(
     bounds = np.searchsorted(t, t_key, side="right")
     bounds[0] = 0  # the first keyframe's own time goes with the first interval
     parts = [
-        _interval(problem, values, k, pairs[k - 1], t[bounds[k - 1] : bounds[k]])
+        _interval(problem, values, k, covariances, t[bounds[k - 1] : bounds[k]])
         for k in range(1, len(t_key))
     ]
     R_nb, p_n, v_n, cov_pose_n, sigma_v_n = (
@@ -109,7 +109,7 @@ def _along_imu(
 
 
 def _interval(
-    problem: Problem, values: Any, k: int, pair: Array, t: Array
+    problem: Problem, values: Any, k: int, covariances: Mapping[int, Array], t: Array
 ) -> tuple[Array, Array, Array, Array, Array]:
     """Attitude, position and velocity at times into keyframe k, the last of which is its own, with
     the covariance of the pose and the sigmas of the velocity."""
@@ -122,8 +122,11 @@ def _interval(
     turn = Rotation.from_matrix(after.attitude().matrix() @ R_nb[-1].T).as_rotvec()
     miss = np.concatenate([turn, after.velocity() - v_n[-1], after.position() - p_n[-1]])
     turn, speed, shift = np.split(bridge.by_end @ miss, 3, axis=1)
-    to_n = block_diag(*[before.attitude().matrix()] * 3, *[after.attitude().matrix()] * 3)
-    cov = bridge.covariance((to_n @ pair @ to_n.T)[TANGENT[:, None], TANGENT])
+    ends = []
+    for key, state in ((X(k - 1), before), (X(k), after)):
+        to_n = block_diag(*[state.attitude().matrix()] * 3)
+        ends.append((to_n @ covariances[key] @ to_n.T)[TANGENT[:, None], TANGENT])
+    cov = bridge.covariance(joint_of_neighbours(ends[0], ends[1], _link(problem, k, bridge)))
     return (
         Rotation.from_rotvec(turn).as_matrix() @ R_nb,
         p_n + shift,
@@ -131,6 +134,16 @@ def _interval(
         cov[:, POSE[:, None], POSE],
         np.sqrt(np.maximum(np.diagonal(cov, axis1=1, axis2=2)[:, 3:6], 0.0)),
     )
+
+
+def _link(problem: Problem, k: int, bridge: Bridge) -> Array:
+    """Information that ties keyframe k to the one before it: the bridge's, and the displacement's
+    where the velocity is measured."""
+    link = bridge.link.copy()
+    if problem.measures_velocity and problem.steps[k] is not None:
+        variance = problem.motion.displacement_variance(problem.t[k - 1], problem.t[k])
+        link[6:, 6:] += np.eye(3) / variance
+    return link
 
 
 def _bridge(problem: Problem, k: int, t: Array, gained_n: Array) -> Bridge:
@@ -143,9 +156,11 @@ def _bridge(problem: Problem, k: int, t: Array, gained_n: Array) -> Bridge:
         return inertial_bridge(after_s, span_s, force_n, gyro2, accel2)
     x = after_s * (span_s - after_s) / span_s**2
     turned = motion.yaw_variance_rad2_s * span_s * x
-    moved = motion.displacement_variance(problem.t[k - 1], problem.t[k]) * x
+    moved_whole = float(motion.displacement_variance(problem.t[k - 1], problem.t[k]))
     speed = 4 * x * np.interp(t, motion.t, motion.sigma_v) ** 2
-    return steady_bridge(after_s / span_s, np.repeat(np.stack([turned, speed, moved], 1), 3, 1))
+    link = 1.0 / np.array([motion.yaw_variance_rad2_s * span_s, np.inf, moved_whole])
+    noise = np.repeat(np.stack([turned, speed, moved_whole * x], 1), 3, 1)
+    return steady_bridge(after_s / span_s, noise, np.repeat(link, 3))
 
 
 def _carried(problem: Problem, k: int, values: Any, t: Array) -> tuple[Array, Array, Array]:

@@ -138,9 +138,9 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     constants = constant_errors(problem, refined)
     clock_offsets = ready.clocks.offsets(constants)
     with clock.stage("covariance"), states_named(problem):
-        pairs, covariances = _covariances(problem, graph, refined)
-    keyframes = _keyframes(t, values, pairs)
-    trajectory = dense_trajectory(problem, values, keyframes, pairs)
+        covariances = _covariances(problem, graph, refined)
+    keyframes = _keyframes(t, values, covariances)
+    trajectory = dense_trajectory(problem, values, keyframes, covariances)
     points, map_warnings = _map(sonar, track, trajectory, config)
     edges = cloud_loop_edges(cloud_loops.loops)
     return Solution(
@@ -261,10 +261,11 @@ def _fixes(problem: Problem, settled: Settled) -> tuple[int, int]:
     return every, used
 
 
-def _keyframes(t: Array, values: Any, pairs: list[Array]) -> Trajectory:
+def _keyframes(t: Array, values: Any, covariances: dict[int, Array]) -> Trajectory:
     """The keyframes of a solution as a trajectory."""
-    states = [values.atNavState(X(k)) for k in range(len(t))]
-    return keyframe_trajectory(t, states, [pairs[0][:9, :9], *(pair[9:, 9:] for pair in pairs)])
+    keys = [X(k) for k in range(len(t))]
+    states = [values.atNavState(key) for key in keys]
+    return keyframe_trajectory(t, states, [covariances[key] for key in keys])
 
 
 def _is_georeferenced(problem: Problem, settled: Settled, mission: Mission) -> bool:
@@ -378,17 +379,15 @@ def _map(
     return map_or_reason(track, trajectory, config.open3d.voxel_m)
 
 
-def _covariances(
-    problem: Problem, graph: Any, refined: Refined
-) -> tuple[list[Array], dict[int, Array]]:
-    """Joint covariances of each keyframe with the one before it, and marginal ones of compass
-    frames, IMU biases, landmarks and range scales."""
-    pairs = [(X(k - 1), X(k)) for k in range(1, len(problem.t))]
-    keys = [*dict.fromkeys(problem.compass)]
-    keys += [B(k) for k in range(len(problem.t))] if problem.uses_imu else []
-    keys += [*problem.landmarks.values(), *problem.range_scales.values()]
-    groups = [*pairs, *((key,) for key in keys)]
-    found = smoothed_covariances(
-        graph, groups, refined.posterior, refined.planar_information, problem.is_stiff
+def _covariances(problem: Problem, graph: Any, refined: Refined) -> dict[int, Array]:
+    """Marginal covariances of keyframes, compass frames, IMU biases, landmarks and range scales."""
+    index = range(len(problem.t))
+    keys = [X(k) for k in index]
+    keys += dict.fromkeys(problem.compass)
+    keys += [B(k) for k in index] if problem.uses_imu else []
+    keys += problem.landmarks.values()
+    keys += problem.range_scales.values()
+    covariances = smoothed_covariances(
+        graph, keys, refined.posterior, refined.planar_information, problem.is_stiff
     )
-    return found[: len(pairs)], dict(zip(keys, found[len(pairs) :], strict=True))
+    return dict(zip(keys, covariances, strict=True))

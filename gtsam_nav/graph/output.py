@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -19,12 +19,7 @@ from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.refinement import Refined
 from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.graph.scan_matching import LOOP, SCAN_MATCH, ScanMatch
-from gtsam_nav.graph.sensor_posterior import (
-    CALIBRATION,
-    SensorPosterior,
-    free_part,
-    tangent_width,
-)
+from gtsam_nav.graph.sensor_posterior import CALIBRATION, SensorPosterior, free_part
 from gtsam_nav.mission import Rejection
 from gtsam_nav.series import IntArray
 from gtsam_nav.solution import LandmarkEstimates, LoopClosure, PoseGraph, PoseGraphEdge, SlowStates
@@ -32,29 +27,21 @@ from gtsam_nav.trajectory import Trajectory
 
 
 def smoothed_covariances(
-    graph: Any,
-    groups: Sequence[Sequence[int]],
-    posterior: SensorPosterior,
-    A: Array,
-    is_stiff: bool = False,
+    graph: Any, keys: list[int], posterior: SensorPosterior, A: Array, is_stiff: bool = False
 ) -> list[Array]:
-    """Joint covariances of groups of variables' free parts, all information and errors together.
+    """Marginal covariances of the variables' free parts, all information and errors together.
 
     The velocity's constant errors add ``U U'``, the sonar's information A takes ``C W C'``:
 
-    ``P + U U' - C W C'`` with C the cross covariance of the variables with the planar poses and
+    ``P + U U' - C W C'`` with C the cross covariance of a variable with the planar poses and
     ``W = A - A (P_p^-1 + A)^-1 A``.
     """
     sensors_only = Covariances(graph, posterior.values, is_stiff)
     CW = posterior.cross @ posterior.taken_by(A)
     updated = []
-    for keys in groups:
-        own = np.concatenate([np.r_[posterior.columns[key]] for key in keys])
-        first = np.cumsum([0, *(tangent_width(key) for key in keys)])
-        free = np.concatenate(
-            [a + np.r_[free_part(key)] for key, a in zip(keys, first, strict=False)]
-        )
-        cov = sensors_only.joint(list(keys))[np.ix_(free, free)]
+    for key in keys:
+        own, free = posterior.columns[key], free_part(key)
+        cov = sensors_only.joint([key])[free, free]
         spread = posterior.calibration.spread[own]
         whole = cov + spread @ spread.T - CW[own] @ posterior.cross[own].T
         updated.append(0.5 * (whole + whole.T))

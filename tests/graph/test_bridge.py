@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gtsam_nav.frames import Array, skew
-from gtsam_nav.graph.bridge import inertial_bridge, steady_bridge
+from gtsam_nav.graph.bridge import _added, inertial_bridge, joint_of_neighbours, steady_bridge
 
 GYRO, ACCEL, SPAN_S = 3e-3, 5e-3, 4.0
 FORCE_N = np.array([0.6, -0.3, -9.8])
@@ -66,7 +66,7 @@ def test_ends_that_are_known_are_kept() -> None:
     ends = np.array([0.0, SPAN_S])
     for bridge in (
         inertial_bridge(ends, SPAN_S, FORCE_N, GYRO**2, ACCEL**2),
-        steady_bridge(ends / SPAN_S, np.zeros((2, 9))),
+        steady_bridge(ends / SPAN_S, np.zeros((2, 9)), np.ones(9)),
     ):
         np.testing.assert_allclose(bridge.by_start, [np.eye(9), np.zeros((9, 9))], atol=1e-8)
         np.testing.assert_allclose(bridge.by_end, [np.zeros((9, 9)), np.eye(9)], atol=1e-8)
@@ -78,3 +78,24 @@ def test_intervals_of_centiseconds_are_no_harder() -> None:
     bridge = inertial_bridge(np.array([0.01]), span_s, FORCE_N, 1e-6, 1e-4)
     assert np.all(np.isfinite(bridge.by_end))
     assert np.linalg.eigvalsh(bridge.noise[0]).min() > -1e-15
+
+
+def test_neighbours_that_only_their_link_ties_have_this_joint_covariance() -> None:
+    rng = np.random.default_rng(8)
+    link = inertial_bridge(np.array([1.0]), SPAN_S, FORCE_N, GYRO**2, ACCEL**2).link
+    scale = np.repeat([1e2, 10.0, 5.0], 3)
+    root_0, root_1 = (rng.normal(size=(9, 9)) * scale for _ in range(2))
+    # what else is known of each, and the factor between them
+    information = np.zeros((18, 18))
+    noise = _added(np.array([SPAN_S]), -skew(FORCE_N), GYRO**2, ACCEL**2)[0]
+    transition = -(link @ noise).T
+    J = np.hstack([transition, np.eye(9)])
+    information += J.T @ np.linalg.solve(noise, J)
+    information[:9, :9] += root_0.T @ root_0
+    information[9:, 9:] += root_1.T @ root_1
+    P = np.linalg.inv(information)
+    found = joint_of_neighbours(P[:9, :9], P[9:, 9:], link)
+    sigma = np.sqrt(np.diag(P))
+    np.testing.assert_allclose(
+        found / np.outer(sigma, sigma), P / np.outer(sigma, sigma), atol=1e-4
+    )

@@ -152,7 +152,7 @@ def test_covariances_with_sonar_equal_the_dense_ones(case: Case) -> None:
     root = rng.normal(size=(12, 6)) / np.sqrt(np.diag(posterior.planar_cov))[:, None]
     information = root @ root.T
     keys = sorted(case.values.keys())
-    got = smoothed_covariances(case.graph, [(key,) for key in keys], posterior, information)
+    got = smoothed_covariances(case.graph, keys, posterior, information)
     C = dense.cov @ dense.planar
     S = dense.planar.T @ C
     with_sonar = dense.cov - C @ information @ np.linalg.solve(np.eye(12) + S @ information, C.T)
