@@ -117,11 +117,16 @@ class ClockOffset:
 
 @dataclass(frozen=True)
 class Innovations:
-    """Normalised innovation squared of one sensor's updates."""
+    """Normalised innovation squared of one sensor's updates.
+
+    ``whitened``, shape (n, dof), holds the innovations themselves in units of their standard
+    deviations, uncorrelated; None where a method keeps none.
+    """
 
     t: Array
     nis: Array
     dof: int
+    whitened: Array | None = None
 
 
 @dataclass(frozen=True)

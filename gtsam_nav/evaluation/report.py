@@ -22,6 +22,7 @@ from gtsam_nav.evaluation.metrics import LEAST_COVERAGE, Metrics, evaluate
 from gtsam_nav.evaluation.page import asset, page_document, script
 from gtsam_nav.evaluation.page.columns import Document
 from gtsam_nav.evaluation.page.skeleton import embedded, policy, sonar_viewer, workbench
+from gtsam_nav.evaluation.weakness import LEAST_WEAK_M, WEAK
 from gtsam_nav.solution import Solution
 from gtsam_nav.writers.run_folder import RECORD
 from gtsam_nav.writers.run_record import RunRecord, read_record
@@ -123,8 +124,8 @@ def _records(solutions: Sequence[Solution], folder: Path) -> dict[str, RunRecord
 def _page(report: _Report) -> str:
     title = f"{report.solutions[0].mission.name}: navigation report"
     sections: Sequence[Callable[[_Report], Html]] = (
-        _header, _banners, _summary, _plan, _scans, _errors, _consistency, _loops, _sensors,
-        _provenance,
+        _header, _banners, _summary, _plan, _scans, _errors, _consistency, _weakness, _loops,
+        _sensors, _provenance,
     )  # fmt: skip
     head = element(
         "head",
@@ -295,6 +296,21 @@ def _consistency(report: _Report) -> Html:
         tables.consistency_table(report.metrics),
         element("p", note, class_="note"),
         *figures,
+    )
+
+
+def _weakness(report: _Report) -> Html:
+    made = plots.position_sigma(report.solutions)
+    if made is None:
+        return Html("")
+    caption = (
+        "Sigma of the position along the longest axis of its error ellipse; shaded where it is "
+        f"more than {WEAK:g} times the mission's median, and {LEAST_WEAK_M:g} m."
+    )
+    return _section(
+        "Where the mission was weakly constrained",
+        report.figure("position_sigma", made, caption),
+        tables.weak_table(report.solutions),
     )
 
 

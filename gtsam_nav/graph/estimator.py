@@ -224,7 +224,7 @@ def _solution(
     constants = constant_errors(problem, solved.refined)
     clock_offsets = ready.clocks.offsets(constants)
     keyframes = _keyframes(problem.t, values, covariances)
-    trajectory = dense_trajectory(problem, values, keyframes)
+    trajectory = dense_trajectory(problem, values, keyframes, covariances)
     points, map_warnings = _map(echoes.sonar, echoes.track, trajectory, ready.config)
     return Solution(
         method="graph",
