@@ -1,0 +1,173 @@
+"""Two sensors that see the same motion: how much of it, and how much later, one sees."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from gtsam_nav.audit.significance import quantile
+from gtsam_nav.frames import Array
+from gtsam_nav.series import BoolArray
+
+WINDOWS_S = (10.0, 30.0)
+"""Within so long neither sensor is taken to drift away from a straight line: slow errors call for
+the shorter, slow vehicles for the longer; the more precise result counts."""
+LONGEST_LAG_S = 5.0
+MOST_LAGS = 100
+FEWEST_WINDOWS, FEWEST_IN_WINDOW = 6, 8
+GAP_STEPS = 5.0
+"""A silence of so many steps is not interpolated over."""
+
+
+@dataclass(frozen=True)
+class Signal:
+    """Times (n,), s, and values (n,) of what a sensor measures."""
+
+    t: Array
+    values: Array
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """``y(t) = gain * x(t + lag)``, but for a straight line in each window.
+
+    Attributes
+    ----------
+    gain, gain_sigma : float
+    lag_s, lag_sigma_s : float
+        To be added to the stamps of y for the clock of x. Sigmas are those of the jackknife over
+        windows, so that errors may be correlated within one.
+    correlation : float
+        Of the two signals, at that lag.
+    step_s : float
+        The longer of the two sensors' sample intervals.
+    n_windows : int
+    """
+
+    gain: float
+    gain_sigma: float
+    lag_s: float
+    lag_sigma_s: float
+    correlation: float
+    step_s: float
+    n_windows: int
+
+    @property
+    def significant(self) -> bool:
+        """Whether the two have anything in common."""
+        return abs(self.gain) > quantile(self.n_windows - 1) * self.gain_sigma
+
+
+def integrated(t: Array, rate: Array) -> Signal:
+    """The integral of a rate by the trapezoidal rule."""
+    steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(t)
+    return Signal(t, np.concatenate([[0.0], np.cumsum(steps)]))
+
+
+def agreement(y: Signal, x: Signal) -> Agreement | None:
+    """Compare two signals of the same quantity, in whatever units.
+
+    The lag is where their covariance is largest, over the windows of the length that tells it best.
+
+    Parameters
+    ----------
+    y, x : Signal
+        The gain is that of y, of which x should be the less noisy one: its noise lessens the gain.
+
+    Returns
+    -------
+    Agreement or None
+        None where they overlap too little, one of them never changes, or they have nothing in
+        common within `LONGEST_LAG_S`.
+    """
+    if len(y.t) < 2 or len(x.t) < 2:
+        return None
+    step_s = max(float(np.median(np.diff(s.t))) for s in (y, x))
+    grid = np.arange(max(y.t[0], x.t[0]) + step_s, min(y.t[-1], x.t[-1]) - step_s, step_s)
+    if len(grid) < FEWEST_WINDOWS * FEWEST_IN_WINDOW:
+        return None
+    means_y, means_x = (_means(s, grid, step_s) for s in (y, x))
+    known = _known(y.t, grid, step_s) & _known(x.t, grid, step_s)
+    n_lags = min(max(int(LONGEST_LAG_S / step_s), 2), MOST_LAGS)
+    found = [
+        _over_windows(means_y, means_x, known, step_s, max(round(w / step_s), 2), n_lags)
+        for w in WINDOWS_S
+    ]
+    told = [f for f in found if f is not None and f.significant]
+    return min(told, key=lambda f: f.lag_sigma_s) if told else None
+
+
+def _means(signal: Signal, grid: Array, step_s: float) -> Array:
+    """Means of a signal over steps about the grid, the same smoothing for any rate."""
+    area = integrated(signal.t, signal.values - signal.values[0])
+    ends = (np.interp(grid + side * step_s, area.t, area.values) for side in (0.5, -0.5))
+    return np.asarray((next(ends) - next(ends)) / step_s)
+
+
+def _known(t: Array, grid: Array, step_s: float) -> BoolArray:
+    """Whether the grid's times lie in no gap."""
+    after = np.clip(np.searchsorted(t, grid), 1, len(t) - 1)
+    return np.asarray(t[after] - t[after - 1] < GAP_STEPS * step_s)
+
+
+def _over_windows(
+    y: Array, x: Array, known: BoolArray, step_s: float, length: int, n_lags: int
+) -> Agreement | None:
+    """The agreement over windows of so many steps."""
+    products = np.array(list(_products(y, x, known, length, n_lags)))
+    n = len(products)
+    if n < FEWEST_WINDOWS or length < FEWEST_IN_WINDOW:
+        return None
+    total = products.sum(axis=0)
+    estimates = [_peak(p) for p in (total, *(total - products))]
+    if any(e is None for e in estimates):
+        return None
+    figures = np.array([(e[0], e[1] * step_s) for e in estimates if e is not None])
+    spread = np.sqrt((n - 1) / n * np.sum((figures[1:] - figures[1:].mean(axis=0)) ** 2, axis=0))
+    k = int(np.argmax(np.abs(total[0])))
+    return Agreement(
+        gain=float(figures[0, 0]),
+        gain_sigma=float(spread[0]),
+        lag_s=float(figures[0, 1]),
+        lag_sigma_s=float(spread[1]),
+        correlation=float(total[0, k] / np.sqrt(total[1, k] * total[2, k])),
+        step_s=step_s,
+        n_windows=n,
+    )
+
+
+def _products(
+    y: Array, x: Array, known: BoolArray, length: int, n_lags: int
+) -> Iterator[Array]:
+    """Of each window, at each lag: the sums of x y, x x and y y, shape (3, lags)."""
+    ramp = np.arange(length) - 0.5 * (length - 1)
+    ramp = ramp / np.linalg.norm(ramp)
+
+    def flat(rows: Array) -> Array:
+        level = rows - rows.mean(axis=-1, keepdims=True)
+        return np.asarray(level - (level @ ramp)[..., None] * ramp)
+
+    for begin in range(n_lags, len(y) - length - n_lags + 1, length):
+        reach = slice(begin - n_lags, begin + length + n_lags)
+        if not np.all(known[reach]):
+            continue
+        wanted = flat(y[begin : begin + length])
+        seen = flat(np.lib.stride_tricks.sliding_window_view(x[reach], length))
+        yy = np.full(len(seen), wanted @ wanted)
+        yield np.array([seen @ wanted, np.sum(seen**2, axis=1), yy])
+
+
+def _peak(products: Array) -> tuple[float, float] | None:
+    """Gain and lag, in steps, where the explained sum of squares is largest, by a parabola."""
+    xy, xx, _ = products
+    if not np.all(xx > 0):
+        return None
+    explained = xy**2 / xx
+    k = int(np.argmax(explained))
+    offset = 0.0
+    if 0 < k < len(explained) - 1:
+        before, here, after = explained[k - 1 : k + 2]
+        offset = 0.5 * (before - after) / min(before - 2 * here + after, -1e-300)
+    return float(xy[k] / xx[k]), k - len(explained) // 2 + offset

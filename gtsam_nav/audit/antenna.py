@@ -1,0 +1,196 @@
+"""Where the antenna stands and how late its fixes are, by what turns do to them.
+
+Within a window the way is reckoned from compass, gyro and velocities; what a fix is off by is then
+the antenna's lever arm turning with the vehicle, and the way that it made during the clock's offset.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gtsam_nav.audit import fixes
+from gtsam_nav.audit.agreement import LONGEST_LAG_S, Agreement, Signal
+from gtsam_nav.audit.courses import Velocity, way
+from gtsam_nav.audit.findings import Finding
+from gtsam_nav.audit.motion import turned
+from gtsam_nav.audit.significance import quantile
+from gtsam_nav.frames import Array
+from gtsam_nav.mission import Sensor
+from gtsam_nav.series import GnssSeries
+
+WINDOWS_S = (40.0, 60.0)
+"""Turns in short windows tell the clock, those in longer ones the lever arm."""
+SMOOTHED_S = 60.0
+FEWEST_WINDOWS, FEWEST_FIXES = 6, 12
+OUTLIER_SIGMAS = 5.0
+LONGEST_GAP_S = 10.0
+REFINEMENTS = 4
+
+
+@dataclass(frozen=True)
+class AntennaFit:
+    """What the fixes say of their antenna and clock.
+
+    Attributes
+    ----------
+    velocity : str
+        The sensor that the way is reckoned by.
+    lever_b, sigma_lever : ndarray, shape (2,)
+        Forward and to starboard of the body's origin, m.
+    lag : Agreement
+        The fixes (y) against the reckoned way (x).
+    n_windows : int
+    """
+
+    velocity: str
+    lever_b: Array
+    sigma_lever: Array
+    lag: Agreement
+    n_windows: int
+
+
+def antenna_fit(gnss: Sensor, yaw: Signal, velocity: Velocity) -> AntennaFit | None:
+    """Estimate lever arm and clock offset of a receiver.
+
+    In each window place, scale, direction and a drift of the direction are free; lever arm and
+    offset are common to all. Their covariance is by the scatter between windows.
+
+    Parameters
+    ----------
+    gnss : Sensor
+    yaw : Signal
+        Heading of the body, unwrapped, as precise as may be from one moment to the next.
+    velocity : Velocity
+
+    Returns
+    -------
+    AntennaFit or None
+        None with too few windows that hold enough fixes and velocities.
+    """
+    fits = [_fit(gnss, yaw, velocity, window_s) for window_s in WINDOWS_S]
+    found = [fit for fit in fits if fit is not None]
+    if not found:
+        return None
+    lever = min(found, key=lambda fit: _limit(fit) * float(np.max(fit.sigma_lever)))
+    clock = min(found, key=lambda fit: _limit(fit) * fit.lag.lag_sigma_s)
+    return replace(lever, lag=clock.lag)
+
+
+def _limit(fit: AntennaFit) -> float:
+    return quantile(fit.n_windows - 1)
+
+
+def _fit(gnss: Sensor, yaw: Signal, velocity: Velocity, window_s: float) -> AntennaFit | None:
+    """With windows of a length; the clock's offset is linearised anew where it was found."""
+    series = gnss.series
+    assert isinstance(series, GnssSeries)
+    heading = np.interp(velocity.t, yaw.t, yaw.values)
+    v_n = turned(velocity.v_b(), heading)
+    path = np.column_stack([way(velocity.t, v_n), v_n, heading])
+    lag_s, n_windows = 0.0, 0
+    for _ in range(REFINEMENTS):
+        parts = list(_windows(series.shift(lag_s), velocity.t, path, window_s))
+        n_windows = len(parts)
+        if n_windows < FEWEST_WINDOWS:
+            return None
+        solved, cov = _clustered([a for a, _ in parts], [b for _, b in parts])
+        change_s = float(np.clip(solved[2], -LONGEST_LAG_S, LONGEST_LAG_S))
+        lag_s = float(np.clip(lag_s + change_s, -LONGEST_LAG_S, LONGEST_LAG_S))
+    sigma = np.sqrt(np.diag(cov))
+    step_s = float(np.median(np.diff(velocity.t)))
+    lag = Agreement(1.0, 0.0, lag_s, float(sigma[2]), 1.0, step_s, n_windows)
+    return AntennaFit(velocity.name, solved[:2], sigma[:2], lag, n_windows)
+
+
+def _windows(
+    series: GnssSeries, t: Array, path: Array, window_s: float
+) -> Iterator[tuple[Array, Array]]:
+    """Equations of each window that holds enough fixes, and velocities without a gap."""
+    for start in np.arange(t[0], t[-1] - window_s, window_s):
+        fixes_in = series.crop(start, start + window_s)
+        known = np.concatenate([[start], t[(t >= start) & (t < start + window_s)], [start + window_s]])
+        if len(fixes_in) >= FEWEST_FIXES and np.max(np.diff(known)) < LONGEST_GAP_S:
+            at = np.stack([np.interp(fixes_in.t, t, column) for column in path.T], axis=1)
+            yield _window(fixes_in, at[:, :2], at[:, 2:4], at[:, 4])
+
+
+def _window(fixes_in: GnssSeries, way_n: Array, v_n: Array, heading: Array) -> tuple[Array, Array]:
+    """Design (2 k, 3) of lever arm and offset, and the fixes (2 k,), less what is free."""
+    across_n = way_n[:, [1, 0]] * [-1.0, 1.0]
+    middle = fixes_in.t - fixes_in.t.mean()
+    bent_n = np.cumsum(np.diff(across_n, axis=0, prepend=across_n[:1]) * middle[:, None], axis=0)
+    one = np.ones(len(way_n))
+    free = np.stack(
+        [np.column_stack([one, 0 * one]), np.column_stack([0 * one, one]), way_n, across_n, bent_n],
+        axis=-1,
+    )
+    c, s = np.cos(heading), np.sin(heading)
+    wanted = np.stack([np.column_stack([c, s]), np.column_stack([-s, c]), v_n], axis=-1)
+    weight = np.repeat(1.0 / np.median(fixes_in.sigma[:, :2]), 2 * len(way_n))
+    flat_free, flat = (a.reshape(2 * len(way_n), -1) for a in (free, wanted))
+    fix = fixes_in.p_n[:, :2].reshape(-1)
+    flat_free = flat_free - np.where(np.arange(5) > 1, flat_free[:1], 0.0)
+    basis = np.linalg.qr(flat_free / np.maximum(np.linalg.norm(flat_free, axis=0), 1e-9))[0]
+
+    def rest(columns: Array) -> Array:
+        return np.asarray(columns - basis @ (basis.T @ columns))
+
+    residual = rest(np.column_stack([flat, fix]))
+    b = residual[:, -1]
+    usual = 1.4826 * np.median(np.abs(b - np.median(b)))
+    kept = (np.abs(b) < OUTLIER_SIGMAS * max(usual, 1e-9)).astype(float) * weight
+    return residual[:, :-1] * kept[:, None], b * kept
+
+
+def _clustered(A: list[Array], b: list[Array]) -> tuple[Array, Array]:
+    """Least squares over all windows, and its covariance by the scatter between them."""
+    normal = sum(a.T @ a for a in A) + 1e-12 * np.eye(A[0].shape[1])
+    inverse = np.linalg.inv(normal)
+    solved = inverse @ sum(a.T @ r for a, r in zip(A, b, strict=True))
+    pulls = np.array([a.T @ (r - a @ solved) for a, r in zip(A, b, strict=True)])
+    n = len(A)
+    return solved, inverse @ pulls.T @ pulls @ inverse * n / max(n - 1, 1)
+
+
+def lever_findings(gnss: Sensor, fit: AntennaFit) -> Iterator[Finding]:
+    """Whether the fixes turn about the body as if a sign of the stated lever arm were wrong.
+
+    A sign is wrong where the estimate rules out the stated arm and not the reversed one.
+    """
+    stated = gnss.xyz_b[:2]
+    limit = quantile(fit.n_windows - 1) * fit.sigma_lever
+    reversed_ = (np.abs(fit.lever_b - stated) > limit) & (np.abs(fit.lever_b + stated) < limit)
+    reversed_ &= fit.lever_b * stated < 0
+    read = (
+        f"the fixes turn about the vehicle as if the antenna were {fit.lever_b[0]:+.2f} m ahead and "
+        f"{fit.lever_b[1]:+.2f} m to starboard (sigma {fit.sigma_lever[0]:.2f} and "
+        f"{fit.sigma_lever[1]:.2f} m); stated are {stated[0]:+.2f} and {stated[1]:+.2f} m"
+    )
+    if np.any(reversed_):
+        axes = " and ".join(np.array(["x", "y"])[reversed_])
+        mended = gnss.xyz_b * np.append(np.where(reversed_, -1.0, 1.0), 1.0)
+        message = f"{read}: the sign of {axes} is wrong"
+        yield Finding("lever arm", gnss.name, "warning", message, fixes.position(mended))
+    else:
+        yield Finding("lever arm", gnss.name, "ok", read)
+
+
+def steady_yaw(compass: Signal, gyro: Signal | None) -> Signal:
+    """The compass's heading from window to window, the gyro's turns within: unwrapped, rad.
+
+    A complementary filter without delay: the compass less the gyro, smoothed over `SMOOTHED_S`, added
+    to the gyro.
+    """
+    if gyro is None:
+        return compass
+    difference = compass.values - np.interp(compass.t, gyro.t, gyro.values)
+    half = max(int(0.5 * SMOOTHED_S / max(float(np.median(np.diff(compass.t))), 1e-3)), 1)
+    # means over a window that is cut short at the ends, about its own line
+    total = np.concatenate([[0.0], np.cumsum(difference)])
+    k = np.arange(len(difference))
+    reach = np.minimum(half, np.minimum(k, len(k) - 1 - k))
+    smooth = (total[k + reach + 1] - total[k - reach]) / (2 * reach + 1)
+    return replace(compass, values=smooth + np.interp(compass.t, gyro.t, gyro.values))
