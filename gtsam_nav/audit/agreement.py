@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gtsam_nav.audit.significance import quantile
+from gtsam_nav.audit.significance import prefers, quantile
 from gtsam_nav.frames import Array
 from gtsam_nav.series import BoolArray
 
@@ -121,12 +121,12 @@ def _over_windows(
     if n < FEWEST_WINDOWS or length < FEWEST_IN_WINDOW:
         return None
     total = products.sum(axis=0)
-    estimates = [_peak(p) for p in (total, *(total - products))]
-    if any(e is None for e in estimates):
+    k = _decided_lag(products)
+    if k is None:
         return None
-    figures = np.array([(e[0], e[1] * step_s) for e in estimates if e is not None])
+    estimates = [_peak(p, k) for p in (total, *(total - products))]
+    figures = np.array(estimates) * [1.0, step_s]
     spread = np.sqrt((n - 1) / n * np.sum((figures[1:] - figures[1:].mean(axis=0)) ** 2, axis=0))
-    k = int(np.argmax(np.abs(total[0])))
     return Agreement(
         gain=float(figures[0, 0]),
         gain_sigma=float(spread[0]),
@@ -159,15 +159,44 @@ def _products(
         yield np.array([seen @ wanted, np.sum(seen**2, axis=1), yy])
 
 
-def _peak(products: Array) -> tuple[float, float] | None:
-    """Gain and lag, in steps, where the explained sum of squares is largest, by a parabola."""
-    xy, xx, _ = products
-    if not np.all(xx > 0):
+def _decided_lag(products: Array) -> int | None:
+    """Index of the lag at which the signals agree best; None where waves leave it open.
+
+    What goes up and down by waves agrees a wave later too, and reversed half a wave later. The
+    nearest agreement without a reversal is what was stated: another one has to be significantly
+    better.
+    """
+    xy, xx, yy = products.sum(axis=0)
+    if not (np.all(xx > 0) and np.all(yy > 0)):
         return None
     explained = xy**2 / xx
-    k = int(np.argmax(explained))
+    edged = np.concatenate([[-np.inf], explained, [-np.inf]])
+    peaks = np.flatnonzero((edged[1:-1] >= edged[:-2]) & (edged[1:-1] >= edged[2:]))
+    best = int(np.argmax(explained))
+    upright = peaks[xy[peaks] > 0]
+    if not len(upright):
+        return best
+    stated = int(min(upright, key=lambda k: abs(k - len(xy) // 2)))
+
+    def misfit(k: int) -> Array:
+        gain = xy[k] / xx[k]
+        of_x, of_xx, of_yy = products[:, :, k].T
+        return np.asarray(of_yy - 2 * gain * of_x + gain**2 * of_xx)
+
+    if best == stated or prefers(misfit(stated), misfit(best), len(peaks)):
+        return best
+    return None
+
+
+def _peak(products: Array, k: int) -> tuple[float, float]:
+    """Gain and lag, in steps, where the explained sum of squares peaks next to lag k."""
+    xy, xx, _ = products
+    explained = xy**2 / xx
+    near = slice(max(k - 1, 0), k + 2)
+    k = near.start + int(np.argmax(explained[near]))
     offset = 0.0
     if 0 < k < len(explained) - 1:
         before, here, after = explained[k - 1 : k + 2]
-        offset = 0.5 * (before - after) / min(before - 2 * here + after, -1e-300)
+        bend = before - 2 * here + after
+        offset = float(np.clip(0.5 * (before - after) / bend, -1.0, 1.0)) if bend < 0 else 0.0
     return float(xy[k] / xx[k]), k - len(explained) // 2 + offset

@@ -56,7 +56,7 @@ def antenna_fit(gnss: Sensor, yaw: Signal, velocity: Velocity) -> AntennaFit | N
     """Estimate lever arm and clock offset of a receiver.
 
     In each window place, scale, direction and a drift of the direction are free; lever arm and
-    offset are common to all. Their covariance is by the scatter between windows.
+    offset are common to all. Their sigmas are those of the jackknife over windows.
 
     Parameters
     ----------
@@ -96,10 +96,9 @@ def _fit(gnss: Sensor, yaw: Signal, velocity: Velocity, window_s: float) -> Ante
         n_windows = len(parts)
         if n_windows < FEWEST_WINDOWS:
             return None
-        solved, cov = _clustered([a for a, _ in parts], [b for _, b in parts])
+        solved, sigma = _jackknifed(parts)
         change_s = float(np.clip(solved[2], -LONGEST_LAG_S, LONGEST_LAG_S))
         lag_s = float(np.clip(lag_s + change_s, -LONGEST_LAG_S, LONGEST_LAG_S))
-    sigma = np.sqrt(np.diag(cov))
     step_s = float(np.median(np.diff(velocity.t)))
     lag = Agreement(1.0, 0.0, lag_s, float(sigma[2]), 1.0, step_s, n_windows)
     return AntennaFit(velocity.name, solved[:2], sigma[:2], lag, n_windows)
@@ -145,14 +144,19 @@ def _window(fixes_in: GnssSeries, way_n: Array, v_n: Array, heading: Array) -> t
     return residual[:, :-1] * kept[:, None], b * kept
 
 
-def _clustered(A: list[Array], b: list[Array]) -> tuple[Array, Array]:
-    """Least squares over all windows, and its covariance by the scatter between them."""
-    normal = sum(a.T @ a for a in A) + 1e-12 * np.eye(A[0].shape[1])
-    inverse = np.linalg.inv(normal)
-    solved = inverse @ sum(a.T @ r for a, r in zip(A, b, strict=True))
-    pulls = np.array([a.T @ (r - a @ solved) for a, r in zip(A, b, strict=True)])
-    n = len(A)
-    return solved, inverse @ pulls.T @ pulls @ inverse * n / max(n - 1, 1)
+def _jackknifed(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:
+    """Least squares over all windows, and its sigmas by leaving out one window at a time.
+
+    What a few windows with turns decide is scattered by as much as these differ.
+    """
+    normal = np.array([A.T @ A for A, _ in parts])
+    right = np.array([A.T @ b for A, b in parts])
+    floor = 1e-12 * np.eye(right.shape[1]) * max(float(np.max(normal)), 1e-12)
+    total, summed = normal.sum(axis=0) + floor, right.sum(axis=0)
+    solved = np.linalg.solve(total, summed)
+    without = np.linalg.solve(total - normal, (summed - right)[..., None])[..., 0]
+    n = len(parts)
+    return solved, np.sqrt((n - 1) / n * np.sum((without - without.mean(axis=0)) ** 2, axis=0))
 
 
 def lever_findings(gnss: Sensor, fit: AntennaFit) -> Iterator[Finding]:
