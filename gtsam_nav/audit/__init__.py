@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from gtsam_nav.audit.comparisons import Comparisons, comparison_findings, compare
-from gtsam_nav.audit.courses import BOW, compass_series
+from gtsam_nav.audit.courses import BOW
 from gtsam_nav.audit.findings import Finding
 from gtsam_nav.audit.heading import HeadingAgainstCourse
 from gtsam_nav.audit.motion import DvlLock, dvl_lock, initial_rest_s, lock_findings
@@ -105,7 +105,7 @@ def audit(mission: Mission) -> Audit:
         yield from comparison_findings(mission, compared)
         for sonar in sonars:
             yield from sonar_findings(sonar.name, heads[sonar.name])
-            yield from _map_findings(mission, sonar, heads[sonar.name], compared)
+            yield from _map_findings(sonar, heads[sonar.name], compared)
 
     return Audit(
         mission=mission.name,
@@ -124,10 +124,10 @@ def audit(mission: Mission) -> Audit:
 
 
 def _map_findings(
-    mission: Mission, sonar: Sensor, head: SonarHead | None, compared: Comparisons
+    sonar: Sensor, head: SonarHead | None, compared: Comparisons
 ) -> Iterator[Finding]:
     """The map's own consistency, where nothing else is wrong with what it is drawn by."""
-    compass = compass_series(mission)
+    compass = compared.compass
     if head is None or compass is None or compared.suspects_motion:
         return
     velocity = compared.sources[0] if compared.sources[0].name != BOW else None

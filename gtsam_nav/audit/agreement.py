@@ -11,14 +11,14 @@ from gtsam_nav.audit.significance import prefers, quantile
 from gtsam_nav.frames import Array
 from gtsam_nav.series import BoolArray
 
-WINDOWS_S = (10.0, 30.0)
+WINDOWS_S = (10.0, 30.0, 60.0)
 """Within so long neither sensor is taken to drift away from a straight line: slow errors call for
-the shorter, slow vehicles for the longer; the more precise result counts."""
+the shorter, slow vehicles for the longer."""
 LONGEST_LAG_S = 5.0
 MOST_LAGS = 100
 FEWEST_WINDOWS, FEWEST_IN_WINDOW = 6, 8
-GAP_STEPS = 5.0
-"""A silence of so many steps is not interpolated over."""
+GAP_STEPS, GAP_SHARE = 10.0, 0.1
+"""A silence of more steps, and of a larger share of the window, is not interpolated over."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,8 @@ def integrated(t: Array, rate: Array) -> Signal:
 def agreement(y: Signal, x: Signal) -> Agreement | None:
     """Compare two signals of the same quantity, in whatever units.
 
-    The lag is where their covariance is largest, over the windows of the length that tells it best.
+    The lag is where one explains most of the other, over the windows of the length that tells it
+    best.
 
     Parameters
     ----------
@@ -89,14 +90,36 @@ def agreement(y: Signal, x: Signal) -> Agreement | None:
     if len(grid) < FEWEST_WINDOWS * FEWEST_IN_WINDOW:
         return None
     means_y, means_x = (_means(s, grid, step_s) for s in (y, x))
-    known = _known(y.t, grid, step_s) & _known(x.t, grid, step_s)
+    silence_s = np.maximum(_silence_s(y.t, grid), _silence_s(x.t, grid))
     n_lags = min(max(int(LONGEST_LAG_S / step_s), 2), MOST_LAGS)
     found = [
-        _over_windows(means_y, means_x, known, step_s, max(round(w / step_s), 2), n_lags)
+        _over_windows(
+            means_y,
+            means_x,
+            silence_s < max(GAP_STEPS * step_s, GAP_SHARE * w),
+            step_s,
+            max(round(w / step_s), 2),
+            n_lags,
+        )
         for w in WINDOWS_S
     ]
-    told = [f for f in found if f is not None and f.significant]
-    return min(told, key=lambda f: f.lag_sigma_s) if told else None
+    return _fastest([f for f in found if f is not None and f.significant])
+
+
+def _fastest(told: list[Agreement]) -> Agreement | None:
+    """The most precise of several, unless one of faster motion contradicts its lag.
+
+    A clock is off for all motion alike; a filter, or a drift, delays what is slow.
+    """
+    if not told:
+        return None
+    chosen = min(told, key=lambda a: a.lag_sigma_s)
+    for faster in reversed(told[: told.index(chosen)]):
+        sigma_s = float(np.hypot(chosen.lag_sigma_s, faster.lag_sigma_s))
+        dof = min(chosen.n_windows, faster.n_windows) - 1
+        if abs(chosen.lag_s - faster.lag_s) > quantile(dof) * sigma_s:
+            chosen = faster
+    return chosen
 
 
 def _means(signal: Signal, grid: Array, step_s: float) -> Array:
@@ -106,10 +129,10 @@ def _means(signal: Signal, grid: Array, step_s: float) -> Array:
     return np.asarray((next(ends) - next(ends)) / step_s)
 
 
-def _known(t: Array, grid: Array, step_s: float) -> BoolArray:
-    """Whether the grid's times lie in no gap."""
+def _silence_s(t: Array, grid: Array) -> Array:
+    """Length of the interval between samples that each of the grid's times lies in."""
     after = np.clip(np.searchsorted(t, grid), 1, len(t) - 1)
-    return np.asarray(t[after] - t[after - 1] < GAP_STEPS * step_s)
+    return np.asarray(t[after] - t[after - 1])
 
 
 def _over_windows(
@@ -162,9 +185,8 @@ def _products(
 def _decided_lag(products: Array) -> int | None:
     """Index of the lag at which the signals agree best; None where waves leave it open.
 
-    What goes up and down by waves agrees a wave later too, and reversed half a wave later. The
-    nearest agreement without a reversal is what was stated: another one has to be significantly
-    better.
+    What goes up and down by waves agrees a wave later too, and reversed half a wave later: a longer
+    lag has to be significantly better than any shorter one.
     """
     xy, xx, yy = products.sum(axis=0)
     if not (np.all(xx > 0) and np.all(yy > 0)):
@@ -173,19 +195,16 @@ def _decided_lag(products: Array) -> int | None:
     edged = np.concatenate([[-np.inf], explained, [-np.inf]])
     peaks = np.flatnonzero((edged[1:-1] >= edged[:-2]) & (edged[1:-1] >= edged[2:]))
     best = int(np.argmax(explained))
-    upright = peaks[xy[peaks] > 0]
-    if not len(upright):
-        return best
-    stated = int(min(upright, key=lambda k: abs(k - len(xy) // 2)))
+    middle = len(xy) // 2
+    nearer = [k for k in peaks if abs(k - middle) < abs(best - middle)]
 
     def misfit(k: int) -> Array:
         gain = xy[k] / xx[k]
         of_x, of_xx, of_yy = products[:, :, k].T
         return np.asarray(of_yy - 2 * gain * of_x + gain**2 * of_xx)
 
-    if best == stated or prefers(misfit(stated), misfit(best), len(peaks)):
-        return best
-    return None
+    decided = all(prefers(misfit(k), misfit(best), len(peaks)) for k in nearer)
+    return best if decided else None
 
 
 def _peak(products: Array, k: int) -> tuple[float, float]:

@@ -6,7 +6,7 @@ the antenna's lever arm turning with the vehicle, and the way that it made durin
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -43,6 +43,9 @@ class AntennaFit:
     lag : Agreement
         The fixes (y) against the reckoned way (x).
     n_windows : int
+    formal : ndarray, shape (3,)
+        Sigmas of lever arm and lag, were all errors white. They tell which of several fits is the
+        best: the scatter between windows is itself too uncertain for that.
     """
 
     velocity: str
@@ -50,33 +53,40 @@ class AntennaFit:
     sigma_lever: Array
     lag: Agreement
     n_windows: int
+    formal: Array
 
 
-def antenna_fit(gnss: Sensor, yaw: Signal, velocity: Velocity) -> AntennaFit | None:
+def antenna_fit(gnss: Sensor, yaw: Signal, velocities: Sequence[Velocity]) -> AntennaFit | None:
     """Estimate lever arm and clock offset of a receiver.
 
-    In each window place, scale, direction and a drift of the direction are free; lever arm and
-    offset are common to all. Their sigmas are those of the jackknife over windows.
+    In each window place, scale and direction of the way are free; lever arm and offset are common
+    to all. Their sigmas are those of the jackknife over
+    windows, or those that white errors would have, whichever are larger.
 
     Parameters
     ----------
     gnss : Sensor
     yaw : Signal
         Heading of the body, unwrapped, as precise as may be from one moment to the next.
-    velocity : Velocity
+    velocities : sequence of Velocity
+        Of which the best serves.
 
     Returns
     -------
     AntennaFit or None
         None with too few windows that hold enough fixes and velocities.
     """
-    fits = [_fit(gnss, yaw, velocity, window_s) for window_s in WINDOWS_S]
-    found = [fit for fit in fits if fit is not None]
+    found = [
+        fit
+        for velocity in velocities
+        for window_s in WINDOWS_S
+        if (fit := _fit(gnss, yaw, velocity, window_s)) is not None
+    ]
     if not found:
         return None
-    lever = min(found, key=lambda fit: _limit(fit) * float(np.max(fit.sigma_lever)))
-    clock = min(found, key=lambda fit: _limit(fit) * fit.lag.lag_sigma_s)
-    return replace(lever, lag=clock.lag)
+    lever = min(found, key=lambda fit: _limit(fit) * float(np.max(fit.formal[:2])))
+    clock = min(found, key=lambda fit: _limit(fit) * float(fit.formal[2]))
+    return replace(lever, velocity=clock.velocity, lag=clock.lag)
 
 
 def _limit(fit: AntennaFit) -> float:
@@ -96,12 +106,14 @@ def _fit(gnss: Sensor, yaw: Signal, velocity: Velocity, window_s: float) -> Ante
         n_windows = len(parts)
         if n_windows < FEWEST_WINDOWS:
             return None
-        solved, sigma = _jackknifed(parts)
+        solved, sigma, formal = _jackknifed(_without_outliers(parts))
         change_s = float(np.clip(solved[2], -LONGEST_LAG_S, LONGEST_LAG_S))
         lag_s = float(np.clip(lag_s + change_s, -LONGEST_LAG_S, LONGEST_LAG_S))
     step_s = float(np.median(np.diff(velocity.t)))
+    # a few windows may agree by chance
+    sigma = np.maximum(sigma, formal)
     lag = Agreement(1.0, 0.0, lag_s, float(sigma[2]), 1.0, step_s, n_windows)
-    return AntennaFit(velocity.name, solved[:2], sigma[:2], lag, n_windows)
+    return AntennaFit(velocity.name, solved[:2], sigma[:2], lag, n_windows, formal)
 
 
 def _windows(
@@ -118,12 +130,11 @@ def _windows(
 
 def _window(fixes_in: GnssSeries, way_n: Array, v_n: Array, heading: Array) -> tuple[Array, Array]:
     """Design (2 k, 3) of lever arm and offset, and the fixes (2 k,), less what is free."""
-    across_n = way_n[:, [1, 0]] * [-1.0, 1.0]
-    middle = fixes_in.t - fixes_in.t.mean()
-    bent_n = np.cumsum(np.diff(across_n, axis=0, prepend=across_n[:1]) * middle[:, None], axis=0)
+    moved_n = way_n - way_n[0]
+    across_n = moved_n[:, [1, 0]] * [-1.0, 1.0]
     one = np.ones(len(way_n))
     free = np.stack(
-        [np.column_stack([one, 0 * one]), np.column_stack([0 * one, one]), way_n, across_n, bent_n],
+        [np.column_stack([one, 0 * one]), np.column_stack([0 * one, one]), moved_n, across_n],
         axis=-1,
     )
     c, s = np.cos(heading), np.sin(heading)
@@ -131,21 +142,26 @@ def _window(fixes_in: GnssSeries, way_n: Array, v_n: Array, heading: Array) -> t
     weight = np.repeat(1.0 / np.median(fixes_in.sigma[:, :2]), 2 * len(way_n))
     flat_free, flat = (a.reshape(2 * len(way_n), -1) for a in (free, wanted))
     fix = fixes_in.p_n[:, :2].reshape(-1)
-    flat_free = flat_free - np.where(np.arange(5) > 1, flat_free[:1], 0.0)
     basis = np.linalg.qr(flat_free / np.maximum(np.linalg.norm(flat_free, axis=0), 1e-9))[0]
 
     def rest(columns: Array) -> Array:
         return np.asarray(columns - basis @ (basis.T @ columns))
 
-    residual = rest(np.column_stack([flat, fix]))
-    b = residual[:, -1]
-    usual = 1.4826 * np.median(np.abs(b - np.median(b)))
-    kept = (np.abs(b) < OUTLIER_SIGMAS * max(usual, 1e-9)).astype(float) * weight
-    return residual[:, :-1] * kept[:, None], b * kept
+    residual = rest(np.column_stack([flat, fix])) * weight[:, None]
+    return residual[:, :-1], residual[:, -1]
 
 
-def _jackknifed(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:
-    """Least squares over all windows, and its sigmas by leaving out one window at a time.
+def _without_outliers(parts: list[tuple[Array, Array]]) -> list[tuple[Array, Array]]:
+    """The equations but those that a first solution leaves far off."""
+    solved, *_ = _jackknifed(parts)
+    left = [np.abs(b - A @ solved) for A, b in parts]
+    limit = OUTLIER_SIGMAS * 1.4826 * float(np.median(np.concatenate(left)))
+    return [(A[r <= limit], b[r <= limit]) for (A, b), r in zip(parts, left, strict=True)]
+
+
+def _jackknifed(parts: list[tuple[Array, Array]]) -> tuple[Array, Array, Array]:
+    """Least squares over all windows, its sigmas by leaving out one window at a time, and formal
+    ones, were all errors white.
 
     What a few windows with turns decide is scattered by as much as these differ.
     """
@@ -156,7 +172,9 @@ def _jackknifed(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:
     solved = np.linalg.solve(total, summed)
     without = np.linalg.solve(total - normal, (summed - right)[..., None])[..., 0]
     n = len(parts)
-    return solved, np.sqrt((n - 1) / n * np.sum((without - without.mean(axis=0)) ** 2, axis=0))
+    sigma = np.sqrt((n - 1) / n * np.sum((without - without.mean(axis=0)) ** 2, axis=0))
+    variance = np.mean(np.concatenate([b - A @ solved for A, b in parts]) ** 2)
+    return solved, sigma, np.sqrt(variance * np.diag(np.linalg.inv(total)))
 
 
 def lever_findings(gnss: Sensor, fit: AntennaFit) -> Iterator[Finding]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -36,10 +36,19 @@ from gtsam_nav.audit.heading import (
 )
 from gtsam_nav.audit.inertial import inertial_findings, z_is_up
 from gtsam_nav.audit.receiver import velocity_findings
-from gtsam_nav.audit.turns import TurnPair, Turns, turn_findings, turn_pairs, turns_of, wrong_signs
+from gtsam_nav.audit.turns import (
+    TurnPair,
+    Turns,
+    in_radians,
+    turn_findings,
+    turn_pairs,
+    turns_of,
+    wrong_signs,
+)
 from gtsam_nav.audit.vertical import VerticalPair, vertical_findings, vertical_pairs
 from gtsam_nav.mission import Mission
 from gtsam_nav.sensors.noise import DvlNoise, HeadingNoise, OdometryNoise
+from gtsam_nav.series import HeadingSeries
 
 
 @dataclass(frozen=True)
@@ -51,6 +60,8 @@ class Comparisons:
     gnss : tuple of Finding
         What the receivers' velocities say of their fixes.
     turns, turn_pairs : what saw turns, and how each two agree
+    compass : HeadingSeries or None
+        The first one, declination applied and radians put right.
     sources : tuple of Velocity
         The bow last.
     ways : Baselines or None
@@ -67,6 +78,7 @@ class Comparisons:
     gnss: tuple[Finding, ...]
     turns: dict[str, Turns]
     turn_pairs: tuple[TurnPair, ...]
+    compass: HeadingSeries | None
     sources: tuple[Velocity, ...]
     ways: Baselines | None
     directions: tuple[DirectionPair, ...]
@@ -89,22 +101,24 @@ def compare(mission: Mission) -> Comparisons:
     distrusted = {f.sensor for f in gnss if f.severity == "warning"}
     turns = {name: t for name, t in turns_of(mission).items() if name not in distrusted}
     pairs = turn_pairs(turns)
-    compass = compass_series(mission)
+    compass = _compass_as_meant(mission)
     sources = velocity_sources(mission)
     ways = baselines(mission, compass)
     directions = direction_pairs(sources, ways, _stated_deg(mission))
     blame = direction_blame(directions)
     course = None if ways is None else _course(mission, ways, sources, blame)
     wrong_sign = _wrong_signs(pairs, course)
-    trusted = [s for s in sources if s.name not in (*blame.quarters, BOW)]
     antennas = {}
-    if compass is not None and trusted and (course is None or course.convention == 0):
+    if compass is not None and (course is None or course.convention == 0):
         yaw = steady_yaw(Signal(compass.t, np.unwrap(compass.heading)), _gyro(turns, pairs))
-        antennas = _antennas(mission, yaw, trusted[0])
+        trusted = [s for s in sources if s.name not in (*blame.quarters, BOW)]
+        fits = {g.name: antenna_fit(g, yaw, trusted) for g in mission.of_type("gnss")}
+        antennas = {name: fit for name, fit in fits.items() if fit is not None}
     return Comparisons(
         gnss=gnss,
         turns=turns,
         turn_pairs=pairs,
+        compass=compass,
         sources=sources,
         ways=ways,
         directions=directions,
@@ -171,18 +185,20 @@ def _wrong_signs(
     return wrong_signs(pairs, [pair] * mirrored, [pair] * (not mirrored))
 
 
+def _compass_as_meant(mission: Mission) -> HeadingSeries | None:
+    """Headings of the first compass, those in radians put right."""
+    compass = compass_series(mission)
+    if compass is None or not in_radians(compass):
+        return compass
+    return replace(compass, heading=np.degrees(compass.heading))
+
+
 def _gyro(turns: dict[str, Turns], pairs: tuple[TurnPair, ...]) -> Signal | None:
     """Turns of a gyro that some other sensor confirms in unit and sign."""
     right = {name for p in pairs if p.unit == 1.0 and not p.opposed for name in p.pair}
     return next(
         (t.signal for name, t in turns.items() if t.sensor.type == "imu" and name in right), None
     )
-
-
-def _antennas(mission: Mission, yaw: Signal, velocity: Velocity) -> dict[str, AntennaFit]:
-    """Of each receiver that is told."""
-    fits = {g.name: antenna_fit(g, yaw, velocity) for g in mission.of_type("gnss")}
-    return {name: fit for name, fit in fits.items() if fit is not None}
 
 
 def _stated_deg(mission: Mission) -> dict[str, float]:

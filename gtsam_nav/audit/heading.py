@@ -11,7 +11,6 @@ from gtsam_nav.audit import fixes
 from gtsam_nav.audit.courses import BOW, Baselines, Velocity
 from gtsam_nav.audit.findings import Finding
 from gtsam_nav.audit.significance import FALSE_ALARM, best, losses, quantile
-from gtsam_nav.audit.turns import in_radians
 from gtsam_nav.frames import Array, wrap_angle
 
 
@@ -107,8 +106,7 @@ def heading_against_course(
     n = int(np.sum(covered))
     if n < 2:
         return None
-    raw = ways.compass.heading
-    compass = np.unwrap(np.degrees(raw) if in_radians(ways.compass) else raw)
+    compass = np.unwrap(ways.compass.heading)
     errors = np.array(
         [ways.direction_errors(c.applied(compass), velocity)[covered] for c in CONVENTIONS]
     )
