@@ -1,8 +1,9 @@
 """Does the audit find the classic mistakes, and nothing else?
 
-``python -m benchmarks.audit [--seeds N] [--clean N] [--only WORD] [--json FILE]`` makes each mistake
-of `benchmarks.mistakes` in simulated missions of N seeds and counts in how many the audit names the
-sensor and the fix; then it audits N clean missions of all simulations and lists what it says there.
+``python -m benchmarks.audit [--seeds N] [--clean N] [--only WORD] [--json FILE]`` makes each
+mistake of `benchmarks.mistakes` in simulated missions of N seeds and counts in how many the audit
+names the sensor and the fix; then it audits N clean missions of all simulations and lists what it
+says there.
 """
 
 from __future__ import annotations

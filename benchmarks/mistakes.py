@@ -120,6 +120,19 @@ def _reversed_arm(mission: Mission) -> Mission:
     return mission.with_sensor(replace(gnss, xyz_b=gnss.xyz_b * [-1.0, -1.0, 1.0]))
 
 
+def _exchanged(ned: Array) -> Array:
+    """East, north and up."""
+    return ned[:, [1, 0, 2]] * [1.0, 1.0, -1.0]
+
+
+def _from_east(heading: Array) -> Array:
+    return wrap_angle(0.5 * np.pi - heading)
+
+
+def _astern(heading: Array) -> Array:
+    return wrap_angle(heading + np.pi)
+
+
 def _read_as_degrees(heading: Array) -> Array:
     return np.radians(wrap_angle(heading))
 
@@ -140,15 +153,15 @@ MISTAKES = (
     Mistake("IMU axes FLU", "marina", _flu, "gravity sign", "imu", "rpy_deg: [180", SILENT),
     Mistake("gyro z reversed", "marina", column("imu", "gyro_i", lambda v: v * [1.0, 1.0, -1.0]),
             "gyro sign", "imu", "gz: -1", SILENT),
-    Mistake("GNSS velocity ENU", "laps", column("gnss", "v_n", lambda v: v[:, [1, 0, 2]] * [1, 1, -1]),
+    Mistake("GNSS velocity ENU", "laps", column("gnss", "v_n", _exchanged),
             "gnss velocity", "gnss", "columns: {vn: ve, ve: vn}"),
-    Mistake("fixes ENU", "marina", column("gnss", "p_n", lambda p: p[:, [1, 0, 2]] * [1, 1, -1]),
+    Mistake("fixes ENU", "marina", column("gnss", "p_n", _exchanged),
             "fixes mirrored", "gnss", "columns: {n: e, e: n}", SILENT),
-    Mistake("heading ENU", "marina", column("heading", "heading", lambda h: wrap_angle(np.pi / 2 - h)),
+    Mistake("heading ENU", "marina", column("heading", "heading", _from_east),
             "heading against course", "heading", "rpy_deg: [0, 0, -90]", SILENT),
     Mistake("heading reversed sign", "marina", column("heading", "heading", np.negative),
             "heading against course", "heading", "scale: {heading_deg: -1}", SILENT),
-    Mistake("heading 180 deg off", "marina", column("heading", "heading", lambda h: wrap_angle(h + np.pi)),
+    Mistake("heading 180 deg off", "marina", column("heading", "heading", _astern),
             "heading against course", "heading", "rpy_deg: [0, 0, -180]", SILENT),
     Mistake("heading in radians", "marina", column("heading", "heading", _read_as_degrees),
             "heading unit", "heading", "scale: {heading_deg: 57.29578}", SILENT),

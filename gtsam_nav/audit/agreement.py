@@ -161,9 +161,7 @@ def _over_windows(
     )
 
 
-def _products(
-    y: Array, x: Array, known: BoolArray, length: int, n_lags: int
-) -> Iterator[Array]:
+def _products(y: Array, x: Array, known: BoolArray, length: int, n_lags: int) -> Iterator[Array]:
     """Of each window, at each lag: the sums of x y, x x and y y, shape (3, lags)."""
     ramp = np.arange(length) - 0.5 * (length - 1)
     ramp = ramp / np.linalg.norm(ramp)
@@ -196,7 +194,7 @@ def _decided_lag(products: Array) -> int | None:
     peaks = np.flatnonzero((edged[1:-1] >= edged[:-2]) & (edged[1:-1] >= edged[2:]))
     best = int(np.argmax(explained))
     middle = len(xy) // 2
-    nearer = [k for k in peaks if abs(k - middle) < abs(best - middle)]
+    nearer = [int(k) for k in peaks if abs(k - middle) < abs(best - middle)]
 
     def misfit(k: int) -> Array:
         gain = xy[k] / xx[k]

@@ -1,7 +1,7 @@
 """Where the antenna stands and how late its fixes are, by what turns do to them.
 
 Within a window the way is reckoned from compass, gyro and velocities; what a fix is off by is then
-the antenna's lever arm turning with the vehicle, and the way that it made during the clock's offset.
+the antenna's lever arm turning with the vehicle, and the way made during the clock's offset.
 """
 
 from __future__ import annotations
@@ -122,8 +122,9 @@ def _windows(
     """Equations of each window that holds enough fixes, and velocities without a gap."""
     for start in np.arange(t[0], t[-1] - window_s, window_s):
         fixes_in = series.crop(start, start + window_s)
-        known = np.concatenate([[start], t[(t >= start) & (t < start + window_s)], [start + window_s]])
-        if len(fixes_in) >= FEWEST_FIXES and np.max(np.diff(known)) < LONGEST_GAP_S:
+        inside = t[(t >= start) & (t < start + window_s)]
+        gaps_s = np.diff(inside, prepend=start, append=start + window_s)
+        if len(fixes_in) >= FEWEST_FIXES and np.max(gaps_s) < LONGEST_GAP_S:
             at = np.stack([np.interp(fixes_in.t, t, column) for column in path.T], axis=1)
             yield _window(fixes_in, at[:, :2], at[:, 2:4], at[:, 4])
 
@@ -187,8 +188,8 @@ def lever_findings(gnss: Sensor, fit: AntennaFit) -> Iterator[Finding]:
     reversed_ = (np.abs(fit.lever_b - stated) > limit) & (np.abs(fit.lever_b + stated) < limit)
     reversed_ &= fit.lever_b * stated < 0
     read = (
-        f"the fixes turn about the vehicle as if the antenna were {fit.lever_b[0]:+.2f} m ahead and "
-        f"{fit.lever_b[1]:+.2f} m to starboard (sigma {fit.sigma_lever[0]:.2f} and "
+        f"the fixes turn about the vehicle as if the antenna were {fit.lever_b[0]:+.2f} m ahead "
+        f"and {fit.lever_b[1]:+.2f} m to starboard (sigma {fit.sigma_lever[0]:.2f} and "
         f"{fit.sigma_lever[1]:.2f} m); stated are {stated[0]:+.2f} and {stated[1]:+.2f} m"
     )
     if np.any(reversed_):
@@ -203,8 +204,8 @@ def lever_findings(gnss: Sensor, fit: AntennaFit) -> Iterator[Finding]:
 def steady_yaw(compass: Signal, gyro: Signal | None) -> Signal:
     """The compass's heading from window to window, the gyro's turns within: unwrapped, rad.
 
-    A complementary filter without delay: the compass less the gyro, smoothed over `SMOOTHED_S`, added
-    to the gyro.
+    A complementary filter without delay: the compass less the gyro, smoothed over `SMOOTHED_S`,
+    added to the gyro.
     """
     if gyro is None:
         return compass

@@ -1,4 +1,4 @@
-"""Every sensor against every other that sees the same motion, and who is wrong where they differ."""
+"""Every sensor against every other that sees the same motion: who is wrong where they differ."""
 
 from __future__ import annotations
 

@@ -12,7 +12,14 @@ from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.sensors.noise import DvlNoise
 from gtsam_nav.sensors.orientation import headings_true
-from gtsam_nav.series import BoolArray, DvlSeries, GnssSeries, HeadingSeries, IntArray, OdometrySeries
+from gtsam_nav.series import (
+    BoolArray,
+    DvlSeries,
+    GnssSeries,
+    HeadingSeries,
+    IntArray,
+    OdometrySeries,
+)
 
 BASELINE_M = 15.0
 """Shortest distance between two fixes that is taken for a course ..."""

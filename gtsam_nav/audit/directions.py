@@ -20,6 +20,7 @@ from gtsam_nav.audit.findings import Finding
 from gtsam_nav.audit.heading import circular_median_and_spread
 from gtsam_nav.audit.significance import decided, losses, quantile, tied
 from gtsam_nav.frames import Array, wrap_angle
+from gtsam_nav.series import BoolArray
 
 TRACK = "compass and fixes"
 BLOCK_S = 10.0
@@ -122,7 +123,7 @@ def _differences(a: Velocity, b: Velocity) -> Array:
     return wrap_angle(angle_a - angle_b)
 
 
-def _block_means(velocity: Velocity, edges: Array) -> tuple[Array, Array]:
+def _block_means(velocity: Velocity, edges: Array) -> tuple[Array, BoolArray]:
     """Mean velocity (k, 2) of each block, and whether it stands out of its noise."""
     n_blocks = len(edges) - 1
     if velocity.name == BOW:
@@ -138,7 +139,8 @@ def _block_means(velocity: Velocity, edges: Array) -> tuple[Array, Array]:
 
     average = mean(v_b)
     sigma = np.sqrt(np.sum(mean((v_b - average[block]) ** 2) / count, axis=1))
-    return average, (np.hypot(*average.T) > MOVING_SIGMAS * sigma) & (count[:, 0] > 2)
+    clear = (np.hypot(*average.T) > MOVING_SIGMAS * sigma) & (count[:, 0] > 2)
+    return average, np.asarray(clear)
 
 
 @dataclass(frozen=True)
@@ -152,9 +154,8 @@ class DirectionBlame:
 def direction_blame(pairs: Sequence[DirectionPair]) -> DirectionBlame:
     """Who contradicts all others, in what quarter they go and by how many degrees."""
     told = [(p.pair, p.quarter) for p in pairs]
-    quarters = _blamed(
-        [pair for pair, quarter in told if quarter], [pair for pair, quarter in told if quarter == 0]
-    )
+    turned = [pair for pair, quarter in told if quarter]
+    quarters = _blamed(turned, [pair for pair, quarter in told if quarter == 0])
     off = [p.pair for p in pairs if abs(p.offset_deg) > p.limit_deg]
     right = [p.pair for p in pairs if abs(p.offset_deg) <= p.limit_deg]
     return DirectionBlame(quarters, () if quarters else _blamed(off, right))

@@ -24,7 +24,7 @@ class Convention:
 
     def applied(self, heading: Array) -> Array:
         """The headings that are meant, rad."""
-        return self.sign * heading + np.radians(self.turn_deg)
+        return np.asarray(self.sign * heading + np.radians(self.turn_deg))
 
     @property
     def fix(self) -> str:

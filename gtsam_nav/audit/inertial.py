@@ -47,7 +47,7 @@ def z_is_up(imu: Sensor) -> bool:
     """Whether gravity pulls along the body's -z."""
     series = imu.series
     assert isinstance(series, ImuSeries)
-    return _down_share(series.accel_i @ imu.R_bs.T)[2] > UPRIGHT
+    return bool(_down_share(series.accel_i @ imu.R_bs.T)[2] > UPRIGHT)
 
 
 def _accelerometer_unit(name: str, accel_i: Array) -> Finding:

@@ -18,12 +18,20 @@ ARITHMETIC = 1e-3
 """What the arithmetic of units adds to a change, as a share of their root mean square, at most."""
 
 
-def repeat_findings(sensor: Sensor) -> Iterator[Finding]:
-    """Whether a sensor's samples equal the one before more often than its resolution explains."""
-    again = repeats_of(sensor.series)
+def repeat_findings(sensor: Sensor, from_s: float) -> Iterator[Finding]:
+    """Whether a sensor's samples equal the one before more often than its resolution explains.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    from_s : float
+        When the vehicle starts to move: at rest filters may well hold their output.
+    """
+    series = sensor.series.crop(from_s, np.inf)
+    again = repeats_of(series)
     if again is None or len(again) < 2:
         return
-    share = _explained_share(measured_columns(sensor.series))
+    share = _explained_share(measured_columns(series))
     if share is None:
         return
     n, repeated = len(again) - 1, int(np.sum(again))

@@ -77,9 +77,7 @@ def best(loss: Array) -> int:
 def tied(loss: Array, winner: int) -> list[int]:
     """The explanations that the data cannot tell from the winner, itself among them."""
     others = len(loss) - 1
-    return [
-        k for k in range(len(loss)) if not prefers(loss[k], loss[winner], max(others, 1))
-    ]
+    return [k for k in range(len(loss)) if not prefers(loss[k], loss[winner], max(others, 1))]
 
 
 def decided(loss: Array) -> int | None:

@@ -12,6 +12,7 @@ from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.mission import Sensor
 from gtsam_nav.series import BeamSeries
 
+
 @dataclass(frozen=True)
 class SonarHead:
     """How the head moves.

@@ -120,7 +120,9 @@ def sweeps_of(
     heard = series.intensity[np.arange(len(series)), strongest] > 0
 
     def rows(values: Array) -> Array:
-        return np.asarray(values[: n * beams_per_sweep].reshape(n, beams_per_sweep, *values.shape[1:]))
+        return np.asarray(
+            values[: n * beams_per_sweep].reshape(n, beams_per_sweep, *values.shape[1:])
+        )
 
     yaws, heads_n = rows(yaw), rows(head_n)
     middle = beams_per_sweep // 2

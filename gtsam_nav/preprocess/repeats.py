@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Rejection
 from gtsam_nav.series import (
@@ -13,8 +15,6 @@ from gtsam_nav.series import (
     ImuSeries,
     Series,
 )
-
-import numpy as np
 
 MEASURED: dict[type[Series], tuple[str, ...]] = {
     ImuSeries: ("gyro_i", "accel_i"),
