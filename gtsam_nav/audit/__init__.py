@@ -91,14 +91,13 @@ def audit(mission: Mission) -> Audit:
     sonars = mission.of_type("beams")
     heads = {s.name: sonar_head(s) for s in sonars}
     compared = compare(mission)
-    rest_s = initial_rest_s(mission)
 
     def findings() -> Iterator[Finding]:
         for timing in timings:
             yield from timing_findings(timing)
         for sensor in mission.sensors.values():
             if sensor.type != "reference":
-                yield from repeat_findings(sensor, mission.span_s[0] + (rest_s or 0.0))
+                yield from repeat_findings(sensor)
         for gnss in mission.of_type("gnss"):
             yield from place_findings(mission, gnss)
         for lock in dvls:
@@ -117,7 +116,7 @@ def audit(mission: Mission) -> Audit:
         headings=() if compared.course is None else (compared.course,),
         dvls=dvls,
         sonars=tuple(head for head in heads.values() if head is not None),
-        rest_s=rest_s,
+        rest_s=initial_rest_s(mission),
         methods=runnable_methods(mission),
         findings=tuple(findings()),
         warnings=mission.warnings,

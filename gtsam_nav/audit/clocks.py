@@ -11,7 +11,7 @@ from gtsam_nav.audit import fixes
 from gtsam_nav.audit.agreement import Agreement
 from gtsam_nav.audit.blame import Pair, suspects
 from gtsam_nav.audit.findings import Finding
-from gtsam_nav.audit.significance import quantile
+from gtsam_nav.audit.significance import limit
 
 
 @dataclass(frozen=True)
@@ -36,8 +36,7 @@ class ClockPair:
     def limit_s(self) -> float:
         """What noise, sampling and the cards explain."""
         seen = self.agreement
-        noise_s = float(np.hypot(seen.lag_sigma_s, self.stated_s))
-        return max(quantile(seen.n_windows - 1) * noise_s, seen.step_s)
+        return max(limit(seen.lag_sigma_s, seen.n_windows - 1, self.stated_s), seen.step_s)
 
     @property
     def apart(self) -> bool:

@@ -28,7 +28,6 @@ from gtsam_nav.audit.directions import (
 )
 from gtsam_nav.audit.findings import Finding
 from gtsam_nav.audit.heading import (
-    CONVENTIONS,
     HeadingAgainstCourse,
     heading_against_course,
     heading_findings,
@@ -91,7 +90,7 @@ class Comparisons:
     @property
     def suspects_motion(self) -> bool:
         """Whether the way or the turns by which a map is drawn are in doubt."""
-        converted = self.course is not None and self.course.convention != 0
+        converted = self.course is not None and not self.course.convention.is_stated
         return converted or bool(self.wrong_sign or self.blame.quarters or self.blame.offsets)
 
 
@@ -109,7 +108,7 @@ def compare(mission: Mission) -> Comparisons:
     course = None if ways is None else _course(mission, ways, sources, blame)
     wrong_sign = _wrong_signs(pairs, course)
     antennas = {}
-    if compass is not None and (course is None or course.convention == 0):
+    if compass is not None and (course is None or course.convention.is_stated):
         yaw = steady_yaw(Signal(compass.t, np.unwrap(compass.heading)), _gyro(turns, pairs))
         trusted = [s for s in sources if s.name not in (*blame.quarters, BOW)]
         fits = {g.name: antenna_fit(g, yaw, trusted) for g in mission.of_type("gnss")}
@@ -152,7 +151,7 @@ def _course_findings(
     course: HeadingAgainstCourse, stated_deg: float, c: Comparisons
 ) -> Iterator[Finding]:
     """On the compass, or on the fixes where it is these that are mirrored."""
-    mirrored = CONVENTIONS[course.convention].sign < 0
+    mirrored = course.convention.sign < 0
     if mirrored and course.gnss in c.wrong_sign and course.heading not in c.wrong_sign:
         yield mirrored_fixes(course)
         return
@@ -181,7 +180,7 @@ def _wrong_signs(
     if course is None or not course.follows:
         return wrong_signs(pairs, (), ())
     pair = (course.gnss, course.heading)
-    mirrored = CONVENTIONS[course.convention].sign < 0
+    mirrored = course.convention.sign < 0
     return wrong_signs(pairs, [pair] * mirrored, [pair] * (not mirrored))
 
 

@@ -18,7 +18,7 @@ from gtsam_nav.audit.blame import Pair, suspects
 from gtsam_nav.audit.courses import BOW, Baselines, Velocity
 from gtsam_nav.audit.findings import Finding
 from gtsam_nav.audit.heading import circular_median_and_spread
-from gtsam_nav.audit.significance import decided, losses, quantile, tied
+from gtsam_nav.audit.significance import decided, limit, losses, tied
 from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.series import BoolArray
 
@@ -80,7 +80,7 @@ class DirectionPair:
         """The largest offset that noise and the cards explain."""
         spread_deg = float(np.degrees(circular_median_and_spread(self.errors)[1]))
         noise_deg = 1.2533 * spread_deg / np.sqrt(len(self.errors))
-        return quantile(len(self.errors) - 1) * float(np.hypot(noise_deg, self.stated_deg))
+        return limit(noise_deg, len(self.errors) - 1, self.stated_deg)
 
 
 def direction_pairs(

@@ -10,7 +10,7 @@ import numpy as np
 from gtsam_nav.audit import fixes
 from gtsam_nav.audit.courses import BOW, Baselines, Velocity
 from gtsam_nav.audit.findings import Finding
-from gtsam_nav.audit.significance import FALSE_ALARM, best, losses, quantile
+from gtsam_nav.audit.significance import FALSE_ALARM, best, limit, losses
 from gtsam_nav.frames import Array, wrap_angle
 
 
@@ -25,6 +25,11 @@ class Convention:
     def applied(self, heading: Array) -> Array:
         """The headings that are meant, rad."""
         return np.asarray(self.sign * heading + np.radians(self.turn_deg))
+
+    @property
+    def is_stated(self) -> bool:
+        """Whether the headings are what they are taken for."""
+        return self.sign > 0 and self.turn_deg == 0.0
 
     @property
     def fix(self) -> str:
@@ -74,7 +79,7 @@ class HeadingAgainstCourse:
         Over the baselines; the spread is 1.48 times the median absolute deviation.
     sigma_deg : float
         Of the median.
-    convention : int
+    convention : Convention
         The one of `CONVENTIONS` that the baselines call for.
     follows : bool
         Whether the headings have to do with the course at all, in that convention.
@@ -88,7 +93,7 @@ class HeadingAgainstCourse:
     median_deg: float
     spread_deg: float
     sigma_deg: float
-    convention: int
+    convention: Convention
     follows: bool
 
 
@@ -122,16 +127,15 @@ def heading_against_course(
         median_deg=float(np.degrees(median)),
         spread_deg=float(np.degrees(spread)),
         sigma_deg=float(np.degrees(1.2533 * spread / np.sqrt(n))),
-        convention=convention,
+        convention=CONVENTIONS[convention],
         # Rayleigh's test of directions that are spread over the whole circle
-        follows=n * together**2 > -np.log(FALSE_ALARM) or n <= -np.log(FALSE_ALARM),
+        follows=bool(n * together**2 > -np.log(FALSE_ALARM) or n <= -np.log(FALSE_ALARM)),
     )
 
 
 def offset_limit_deg(course: HeadingAgainstCourse, stated_deg: float) -> float:
     """The largest median that noise and errors of the stated spread explain, deg."""
-    sigma_deg = float(np.hypot(course.sigma_deg, stated_deg))
-    return quantile(course.n_baselines - 1) * sigma_deg
+    return limit(course.sigma_deg, course.n_baselines - 1, stated_deg)
 
 
 def heading_findings(
@@ -147,7 +151,7 @@ def heading_findings(
     blamed : sequence of str
         Who else than the compass a contradiction may be due to; empty where it is the compass.
     """
-    convention = CONVENTIONS[course.convention]
+    convention = course.convention
     read = (
         f"compass less {course.gnss} course: median {course.median_deg:+.1f} deg, "
         f"spread {course.spread_deg:.1f} deg over {course.n_baselines} baselines "
@@ -161,7 +165,7 @@ def heading_findings(
     limit_deg = offset_limit_deg(course, stated_deg)
     if not course.follows:
         yield warning(f"{read}; the heading does not follow the course", "")
-    elif course.convention:
+    elif not convention.is_stated:
         message = f"{read}, if the headings count {convention.name}, which they seem to{or_else}"
         yield warning(message, convention.fix)
     elif abs(course.median_deg) > limit_deg:
@@ -174,7 +178,7 @@ def heading_findings(
 
 def mirrored_fixes(course: HeadingAgainstCourse) -> Finding:
     """Where compass and gyro agree, and the fixes draw the way's reflection."""
-    convention = CONVENTIONS[course.convention]
+    convention = course.convention
     message = (
         f"the way by fixes is the reflection of that by {course.heading}, as over "
         f"{course.n_baselines} baselines of {course.baseline_m:.0f} m: "

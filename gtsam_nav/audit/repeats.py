@@ -18,28 +18,24 @@ ARITHMETIC = 1e-3
 """What the arithmetic of units adds to a change, as a share of their root mean square, at most."""
 
 
-def repeat_findings(sensor: Sensor, from_s: float) -> Iterator[Finding]:
+def repeat_findings(sensor: Sensor) -> Iterator[Finding]:
     """Whether a sensor's samples equal the one before more often than its resolution explains.
 
-    Parameters
-    ----------
-    sensor : Sensor
-    from_s : float
-        When the vehicle starts to move: at rest filters may well hold their output.
+    A run of them counts once: at rest a filter may well hold its output.
     """
-    series = sensor.series.crop(from_s, np.inf)
-    again = repeats_of(series)
+    again = repeats_of(sensor.series)
     if again is None or len(again) < 2:
         return
-    share = _explained_share(measured_columns(series))
+    share = _explained_share(measured_columns(sensor.series))
     if share is None:
         return
-    n, repeated = len(again) - 1, int(np.sum(again))
-    if not repeated or not _exceeds(repeated, n, share):
+    n, runs = len(again) - 1, int(np.sum(again[1:] & ~again[:-1]))
+    if not runs or not _exceeds(runs, n, share):
         return
     message = (
-        f"{repeated} of {n + 1} samples repeat the one before to the last digit, where its "
-        f"resolution explains {share * n:.0f}: old messages under new stamps"
+        f"{int(np.sum(again))} of {n + 1} samples, in {runs} places, repeat the one before to the "
+        f"last digit, where the resolution explains {share * n:.0f} places: old messages under new "
+        f"stamps"
     )
     yield Finding("stale messages", sensor.name, "warning", message, "drop_repeats: true")
 

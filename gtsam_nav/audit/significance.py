@@ -27,6 +27,19 @@ def quantile(n_free: int, questions: int = 1) -> float:
     return float(t.isf(0.5 * FALSE_ALARM / questions, n_free))
 
 
+def limit(noise: float, n_free: int, stated: float) -> float:
+    """What noise that is estimated, and a spread that is stated, explain together.
+
+    Parameters
+    ----------
+    noise : float
+        Standard deviation, with ``n_free`` degrees of freedom.
+    stated : float
+        Standard deviation that is taken for known.
+    """
+    return float(np.hypot(quantile(n_free) * noise, quantile(10**6) * stated))
+
+
 def losses(errors: Array) -> Array:
     """Cauchy's loss of errors of several explanations, on the scale of what is left of the best.
 

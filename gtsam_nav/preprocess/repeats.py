@@ -33,7 +33,8 @@ def measured_columns(series: Series) -> list[Array]:
     names = MEASURED.get(type(series), ())
     values = [getattr(series, name) for name in names]
     valid = _told(series)
-    return [c for v in values if v is not None for c in v[valid].reshape(np.sum(valid), -1).T]
+    told = [v[valid].reshape(-1, *v.shape[1:] or (1,)) for v in values if v is not None]
+    return [column for v in told for column in v.T]
 
 
 def repeats_of(series: Series) -> BoolArray | None:
