@@ -175,11 +175,11 @@ def test_dropped_samples_are_counted_by_reason(mission: Mission) -> None:
     ("column", "scale", "check", "words"),
     [
         ("gyro_i", 180 / np.pi, "gyro unit", "in deg/s"),
-        ("gyro_i", -1.0, "gyro unit", "sign of body z"),
+        ("gyro_i", -1.0, "gyro sign", "sign of body z"),
         ("accel_i", 1 / GRAVITY_M_S2, "accelerometer unit", "in g"),
         ("accel_i", 1000 / GRAVITY_M_S2, "accelerometer unit", "in mg"),
         ("accel_i", 0.2, "accelerometer unit", "no known unit"),
-        ("accel_i", -1.0, "gravity sign", "z is up"),
+        ("accel_i", -1.0, "gravity sign", "gravity is counted as a force"),
     ],
 )
 def test_imu_in_the_wrong_unit_or_sign(
@@ -222,7 +222,8 @@ def test_drift_angle_is_taken_out(mission: Mission) -> None:
     sideways = altered(mission, "heading", lambda h: wrap_angle(h - np.pi / 2), "heading")
     sideways = altered(sideways, "dvl", lambda v: v[:, [1, 0, 2]], "v_d")
     assert abs(audit(sideways).headings[0].median_deg) < 2.0
-    assert audit(sideways.without("dvl")).headings[0].median_deg == pytest.approx(-90.0, abs=2.0)
+    assert audit(sideways).headings[0].convention.is_stated
+    assert audit(sideways.without("dvl")).headings[0].convention.turn_deg == 90.0
 
 
 def test_lever_arm_of_the_antenna_is_taken_out(mission: Mission) -> None:

@@ -90,7 +90,8 @@ def _share(cells: IntArray, of: IntArray, size: IntArray) -> float:
 class MapLikeness:
     """How well sweeps agree as stated, mirrored, and in the best reading of the head's angle.
 
-    ``better`` says that the best reading is significantly better than the stated one.
+    ``better`` says that the best reading is significantly better than the stated one, ``settled``
+    that the stated one is than the mirrored.
     """
 
     stated: float
@@ -98,6 +99,7 @@ class MapLikeness:
     best: float
     reading: Reading
     better: bool
+    settled: bool
     n_pairs: int
 
 
@@ -168,6 +170,7 @@ def map_likeness(sweeps: Sweeps, knows_way: bool) -> MapLikeness:
         best=float(np.mean(found[winner])),
         reading=(winner[0], _refined(winner, found)),
         better=prefers(-stated, -found[winner], questions),
+        settled=_settled(stated, mirrored),
         n_pairs=len(sweeps.pairs),
     )
 
@@ -199,7 +202,8 @@ def map_findings(sonar: Sensor, like: MapLikeness, suspected: Sequence[str]) -> 
         f"{like.mirrored:.2f} ({like.n_pairs} pairs)"
     )
     if not like.better:
-        yield Finding("sonar handedness", sonar.name, "ok", read)
+        if like.settled:
+            yield Finding("sonar handedness", sonar.name, "ok", read)
         return
     turn = f"by {like.best:.2f} with the head's zero turned by {np.degrees(offset):+.0f} deg"
     R_bs = rotation_from_rpy([0.0, 0.0, offset]) @ sonar.R_bs
