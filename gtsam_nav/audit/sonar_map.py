@@ -157,7 +157,7 @@ def map_likeness(sweeps: Sweeps, knows_way: bool) -> MapLikeness:
     stated, mirrored = sweeps.likeness((1.0, 0.0)), sweeps.likeness((-1.0, 0.0))
     found = {(1.0, 0.0): stated, (-1.0, 0.0): mirrored}
     if knows_way:
-        near = [(1.0, float(OFFSETS[1])), (1.0, float(OFFSETS[-1]))]
+        near = [(1.0, float(OFFSETS[2])), (1.0, float(OFFSETS[-2]))]
         found |= {reading: sweeps.likeness(reading) for reading in near}
         if not all(_settled(stated, found[reading]) for reading in (*near, (-1.0, 0.0))):
             readings = [(sign, float(o)) for sign in (1.0, -1.0) for o in OFFSETS]

@@ -5,6 +5,7 @@ The small twin of ``python -m benchmarks.audit``.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -57,20 +58,21 @@ def card_lines(fix: str) -> dict[str, Any]:
 
 
 MENDED = (
-    *("gyro in deg/s", "accelerometer in g", "gravity sign", "IMU axes FLU", "gyro z reversed"),
-    *("heading ENU", "heading reversed sign", "heading 180 deg off", "heading in radians"),
-    *("DVL velocities reversed", "DVL vz reversed", "DVL misaligned by 10 deg"),
-    *("IMU clock 0.5 s late", "DVL clock 1 s late", "GNSS clock 2 s late"),
-    *("lever arm sign", "stale headings", "stale fixes", "mirrored sonar"),
-    "sonar head offset 20 deg",
+    *("gyro in deg/s", "accelerometer in g", "gravity sign", "IMU axes FLU", "heading ENU"),
+    *("heading in radians", "DVL velocities reversed", "DVL misaligned by 10 deg"),
+    *("GNSS clock 2 s late", "lever arm sign", "stale headings", "mirrored sonar"),
 )
+"""One for each kind of line."""
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MENDED)
 def test_the_fix_mends_it(name: str, tmp_path: Path) -> None:
     mistake = BY_NAME[name]
-    write_mission(mistake.mission(SEED), tmp_path / "mission")
+    spoilt = mistake.mission(SEED)
+    imu = spoilt.sensors["imu"]
+    slower = replace(imu, series=imu.series.select(slice(None, None, 4)))
+    write_mission(spoilt.with_sensor(slower).without("reference"), tmp_path / "mission")
     before = gn.open_mission(tmp_path / "mission")
     (finding,) = [f for f in warnings(audit(before)) if names(f, mistake)]
     card = tmp_path / "mission" / MISSION_FILE
