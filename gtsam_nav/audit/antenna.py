@@ -140,7 +140,7 @@ def _window(fixes_in: GnssSeries, way_n: Array, v_n: Array, heading: Array) -> t
     )
     c, s = np.cos(heading), np.sin(heading)
     wanted = np.stack([np.column_stack([c, s]), np.column_stack([-s, c]), v_n], axis=-1)
-    weight = np.repeat(1.0 / np.median(fixes_in.sigma[:, :2]), 2 * len(way_n))
+    weight = np.repeat(1.0 / max(float(np.median(fixes_in.sigma[:, :2])), 1e-6), 2 * len(way_n))
     flat_free, flat = (a.reshape(2 * len(way_n), -1) for a in (free, wanted))
     fix = fixes_in.p_n[:, :2].reshape(-1)
     basis = np.linalg.qr(flat_free / np.maximum(np.linalg.norm(flat_free, axis=0), 1e-9))[0]

@@ -108,7 +108,7 @@ def compare(mission: Mission) -> Comparisons:
     course = None if ways is None else _course(mission, ways, sources, blame)
     wrong_sign = _wrong_signs(pairs, course)
     antennas = {}
-    if compass is not None and (course is None or course.convention.is_stated):
+    if compass is not None and len(compass) > 1 and (course is None or course.convention.is_stated):
         yaw = steady_yaw(Signal(compass.t, np.unwrap(compass.heading)), _gyro(turns, pairs))
         trusted = [s for s in sources if s.name not in (*blame.quarters, BOW)]
         fits = {g.name: antenna_fit(g, yaw, trusted) for g in mission.of_type("gnss")}

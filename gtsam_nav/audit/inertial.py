@@ -88,6 +88,9 @@ def _gravity_direction(imu: Sensor, accel_b: Array, opposed: bool | None) -> Fin
 
     if share[2] < -UPRIGHT:
         return Finding("gravity sign", imu.name, "ok", f"{read}: z is down")
+    length = np.maximum(np.linalg.norm(accel_b, axis=1), 1e-9)
+    if np.linalg.norm(np.mean(accel_b / length[:, None], axis=0)) < UPRIGHT:
+        return Finding("gravity sign", imu.name, "ok", f"{read}: the body turns over, undecided")
     if share[2] < UPRIGHT:
         return warning(
             f"gravity lies mostly along {axis}; at rest body z must read about -9.8",

@@ -30,6 +30,7 @@ APART = (1, 2, 3)
 """How many sweeps they are apart."""
 MOST_PAIRS, FEWEST_PAIRS = 100, 8
 STEP_RAD = np.radians(10.0)
+NEIGHBOURS = np.array([(north, east) for north in (-1, 0, 1) for east in (-1, 0, 1)])
 OFFSETS = STEP_RAD * np.arange(36)
 
 Reading = tuple[float, float]
@@ -73,17 +74,20 @@ class Sweeps:
         one, other = cells[a][self.heard[a]], cells[b][self.heard[b]]
         if not (len(one) and len(other)):
             return 0.0
-        low = np.minimum(one.min(axis=0), other.min(axis=0)) - 1
-        size = np.maximum(one.max(axis=0), other.max(axis=0)) - low + 2
-        return 0.5 * (_share(one - low, other - low, size) + _share(other - low, one - low, size))
+        return 0.5 * (_share(one, other) + _share(other, one))
 
 
-def _share(cells: IntArray, of: IntArray, size: IntArray) -> float:
-    near = np.zeros(size, dtype=bool)
-    for north in (-1, 0, 1):
-        for east in (-1, 0, 1):
-            near[of[:, 0] + north, of[:, 1] + east] = True
-    return float(np.mean(near[cells[:, 0], cells[:, 1]]))
+def _share(cells: IntArray, of: IntArray) -> float:
+    """Of cells (k, 2), those that are others or next to them."""
+    known = np.sort(_number(of))
+    wanted = _number(cells)[:, None] + _number(NEIGHBOURS)
+    at = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
+    return float(np.mean(np.any(known[at] == wanted, axis=1)))
+
+
+def _number(cells: IntArray) -> IntArray:
+    """One whole number for each cell."""
+    return np.asarray(cells[:, 0] * 2**32 + cells[:, 1])
 
 
 @dataclass(frozen=True)
