@@ -321,10 +321,26 @@ def test_sensors_without_samples_do_not_stop_the_audit(mission: Mission) -> None
     assert found.methods == ()
 
 
+@pytest.mark.parametrize("n", [1, 30])
+def test_thin_sensors_do_not_stop_the_audit(mission: Mission, n: int) -> None:
+    for sensor in mission.sensors.values():
+        thin = replace(sensor, series=sensor.series.select(slice(600, 600 + n)))
+        audit(mission.with_sensor(thin))
+
+
+def test_an_absurd_way_does_not_stop_the_audit(mission: Mission) -> None:
+    assert audit(altered(mission, "dvl", lambda v: v * 1e6, "v_d")).methods
+
+
 def test_json_document_is_plain(mission: Mission) -> None:
     document = json.loads(json.dumps(audit(mission).to_json(), allow_nan=False))
     assert document["sensors"][0]["name"] == "imu"
     assert document["headings"][0]["velocity"] == "dvl"
+    assert document["headings"][0]["convention"]["name"] == "clockwise from north"
+    spoilt = altered(mission, "imu", lambda a: a / GRAVITY_M_S2, "accel_i")
+    fixes = {f["check"]: f["fix"] for f in audit(spoilt).to_json()["findings"]}
+    assert fixes["accelerometer unit"] == "accel_unit: g"
+    assert fixes["gyro unit"] == ""
 
 
 def test_a_dvl_without_a_valid_sample_measures_no_velocity(mission: Mission) -> None:
@@ -355,3 +371,4 @@ def test_alerts_leave_gaps_to_the_timeline(mission: Mission) -> None:
     assert finding(found, "gaps").severity == "warning"
     assert len(found.alerts) == 1
     assert found.alerts[0].startswith("imu: gyro unit:")
+    assert found.alerts[0].endswith("in the card: gyro_unit: deg/s")
