@@ -30,6 +30,20 @@ class Signal:
 
 
 @dataclass(frozen=True)
+class Lag:
+    """What is to be added to one sensor's stamps for another's clock.
+
+    ``step_s`` is the sample interval below which clocks are not told apart, ``n_windows`` how many
+    windows ``sigma_s`` rests on.
+    """
+
+    lag_s: float
+    sigma_s: float
+    step_s: float
+    n_windows: int
+
+
+@dataclass(frozen=True)
 class Agreement:
     """``y(t) = gain * x(t + lag)``, but for a straight line in each window.
 
@@ -53,6 +67,11 @@ class Agreement:
     correlation: float
     step_s: float
     n_windows: int
+
+    @property
+    def lag(self) -> Lag:
+        """The lag by itself."""
+        return Lag(self.lag_s, self.lag_sigma_s, self.step_s, self.n_windows)
 
     @property
     def significant(self) -> bool:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gtsam_nav.audit import fixes
-from gtsam_nav.audit.agreement import LONGEST_LAG_S, Agreement, Signal
+from gtsam_nav.audit.agreement import LONGEST_LAG_S, Lag, Signal
 from gtsam_nav.audit.courses import Velocity, way
 from gtsam_nav.audit.findings import Finding
 from gtsam_nav.audit.motion import turned
@@ -40,7 +40,7 @@ class AntennaFit:
         The sensor that the way is reckoned by.
     lever_b, sigma_lever : ndarray, shape (2,)
         Forward and to starboard of the body's origin, m.
-    lag : Agreement
+    lag : Lag
         The fixes (y) against the reckoned way (x).
     n_windows : int
     formal : ndarray, shape (3,)
@@ -51,7 +51,7 @@ class AntennaFit:
     velocity: str
     lever_b: Array
     sigma_lever: Array
-    lag: Agreement
+    lag: Lag
     n_windows: int
     formal: Array
 
@@ -112,7 +112,7 @@ def _fit(gnss: Sensor, yaw: Signal, velocity: Velocity, window_s: float) -> Ante
     step_s = float(np.median(np.diff(velocity.t)))
     # a few windows may agree by chance
     sigma = np.maximum(sigma, formal)
-    lag = Agreement(1.0, 0.0, lag_s, float(sigma[2]), 1.0, step_s, n_windows)
+    lag = Lag(lag_s, float(sigma[2]), step_s, n_windows)
     return AntennaFit(velocity.name, solved[:2], sigma[:2], lag, n_windows, formal)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gtsam_nav.audit.agreement import Agreement, Signal
+from gtsam_nav.audit.agreement import Lag, Signal
 from gtsam_nav.audit.antenna import AntennaFit, antenna_fit, lever_findings, steady_yaw
 from gtsam_nav.audit.clocks import ClockPair, clock_findings
 from gtsam_nav.audit.courses import (
@@ -216,11 +216,11 @@ def _clock_pairs(mission: Mission, c: Comparisons) -> list[ClockPair]:
     """Whose stamps are compared, and with whom."""
     stated = {name: sensor.time_offset_sigma_s for name, sensor in mission.sensors.items()}
 
-    def pair(y: str, x: str, by: str, agreement: Agreement) -> ClockPair:
-        return ClockPair(y, x, by, agreement, float(np.hypot(stated[y], stated[x])))
+    def pair(y: str, x: str, by: str, lag: Lag) -> ClockPair:
+        return ClockPair(y, x, by, lag, float(np.hypot(stated[y], stated[x])))
 
     return [
-        *(pair(p.y, p.x, "turns", p.agreement) for p in c.turn_pairs),
-        *(pair(p.y, p.x, "heave", p.agreement) for p in c.vertical),
+        *(pair(p.y, p.x, "turns", p.agreement.lag) for p in c.turn_pairs),
+        *(pair(p.y, p.x, "heave", p.agreement.lag) for p in c.vertical),
         *(pair(name, fit.velocity, "the way", fit.lag) for name, fit in c.antennas.items()),
     ]

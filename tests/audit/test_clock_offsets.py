@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from gtsam_nav.audit.agreement import Agreement
+from gtsam_nav.audit.agreement import Lag
 from gtsam_nav.audit.clocks import ClockPair, clock_findings
 from gtsam_nav.audit.findings import Finding
 
 
 def pair(y: str, x: str, lag_s: float, sigma_s: float = 0.01, stated_s: float = 0.0) -> ClockPair:
-    return ClockPair(y, x, "turns", Agreement(1.0, 0.01, lag_s, sigma_s, 0.9, 0.1, 40), stated_s)
+    return ClockPair(y, x, "turns", Lag(lag_s, sigma_s, 0.1, 40), stated_s)
 
 
 def warned(*pairs: ClockPair) -> dict[str | None, Finding]:
