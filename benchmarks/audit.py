@@ -78,7 +78,7 @@ def row(mistake: Mistake, seeds: int) -> Row:
         seeds=seeds,
         missed=tuple(missed),
         beside=tuple(sorted(beside)),
-        audit_s=spent_s / seeds,
+        audit_s=spent_s / max(seeds, 1),
     )
 
 

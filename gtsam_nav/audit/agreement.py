@@ -17,6 +17,8 @@ the shorter, slow vehicles for the longer."""
 LONGEST_LAG_S = 5.0
 MOST_LAGS = 100
 FEWEST_WINDOWS, FEWEST_IN_WINDOW = 6, 8
+MOST_WINDOWS = 500
+"""Of a long mission some will do."""
 GAP_STEPS, GAP_SHARE = 10.0, 0.1
 """A silence of more steps, and of a larger share of the window, is not interpolated over."""
 
@@ -189,7 +191,8 @@ def _products(y: Array, x: Array, known: BoolArray, length: int, n_lags: int) ->
         level = rows - rows.mean(axis=-1, keepdims=True)
         return np.asarray(level - (level @ ramp)[..., None] * ramp)
 
-    for begin in range(n_lags, len(y) - length - n_lags + 1, length):
+    begins = np.arange(n_lags, len(y) - length - n_lags + 1, length)
+    for begin in begins[:: max(1, -(-len(begins) // MOST_WINDOWS))]:
         reach = slice(begin - n_lags, begin + length + n_lags)
         if not np.all(known[reach]):
             continue
