@@ -16,7 +16,7 @@ from pydantic import BaseModel, Field, FiniteFloat, ValidationError, model_valid
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, rotation_from_rpy
 from gtsam_nav.mission import Constraints
-from gtsam_nav.sensors.noise import NOISE_MODELS, figure_names
+from gtsam_nav.sensors.noise import G_M_S2, NOISE_MODELS, figure_names
 from gtsam_nav.series import SERIES_TYPES
 from gtsam_nav.settings import Settings
 
@@ -74,6 +74,10 @@ class SensorCard(Described):
         ``estimate: true`` the graph finds what it is off by.
     noise : map
         Figures of the type's noise model.
+    gyro_unit, accel_unit : {"rad/s", "deg/s"}, {"m/s^2", "g"}
+        Of an IMU, what its samples come in.
+    drop_repeats : bool
+        Whether a sample that equals the one before is that one again, under a new stamp.
     """
 
     type: str
@@ -82,6 +86,9 @@ class SensorCard(Described):
     time_offset_s: FiniteFloat = 0.0
     time_offset: TimeOffset | None = None
     noise: dict[str, Any] = Field(default_factory=dict)
+    gyro_unit: Literal["rad/s", "deg/s"] = "rad/s"
+    accel_unit: Literal["m/s^2", "g"] = "m/s^2"
+    drop_repeats: bool = False
 
     @model_validator(mode="before")
     @classmethod
@@ -113,10 +120,27 @@ class SensorCard(Described):
             raise ValueError(f"{key}: {what}") from error
         return self
 
+    @model_validator(mode="after")
+    def _units_are_of_an_imu(self) -> SensorCard:
+        stated = [key for key in ("gyro_unit", "accel_unit") if key in self.model_fields_set]
+        if stated and self.type != "imu":
+            raise ValueError(f"{stated[0]} is of an imu; a {self.type} has columns to scale")
+        return self
+
     @classmethod
     def types(cls) -> tuple[str, ...]:
         """Sensor types that may be named."""
         return tuple(SERIES_TYPES)
+
+    @property
+    def gyro_factor(self) -> float:
+        """What turns the file's rates into rad/s."""
+        return float(np.radians(1.0)) if self.gyro_unit == "deg/s" else 1.0
+
+    @property
+    def accel_factor(self) -> float:
+        """What turns the file's specific forces into m/s^2."""
+        return G_M_S2 if self.accel_unit == "g" else 1.0
 
     @property
     def time_offset_sigma_s(self) -> float:

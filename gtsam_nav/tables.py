@@ -75,7 +75,7 @@ def finding_table(findings: Iterable[Finding]) -> Table:
     """What the checks found."""
     style = {"ok": "green", "warning": "bold yellow"}
     rows = [
-        (Text(f.severity, style[f.severity]), f.check, f.sensor or "-", f.message) for f in findings
+        (Text(f.severity, style[f.severity]), f.check, f.sensor or "-", f.text) for f in findings
     ]
     return _table("Findings", ("", "check", "sensor", "what"), rows)
 

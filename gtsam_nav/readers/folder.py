@@ -40,6 +40,7 @@ from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, Origin
 from gtsam_nav.mission import LandmarkMap, Mission, Rejection, Sensor
 from gtsam_nav.preprocess.cleaning import screen, tidy
+from gtsam_nav.preprocess.repeats import without_repeats
 from gtsam_nav.readers._clock import on_mission_time
 from gtsam_nav.readers._gnss import Fixes
 from gtsam_nav.readers._mission_yaml import (
@@ -137,6 +138,9 @@ class _Reading:
                 f"({len(rejections)} dropped{mostly})"
             )
             return
+        if entry.drop_repeats:
+            series, repeats = without_repeats(name, series)
+            self.rejections += repeats
         self.sensors[name] = Sensor(
             name=name,
             type=entry.type,
@@ -233,7 +237,7 @@ class _Reading:
             words=words,
             instead=instead,
             renamed=entry.columns,
-            scale=entry.scale,
+            scale=entry.factors,
         )
         if layout is LAYOUTS["landmarks"] and not table.columns.keys() & {"range_m", "bearing_deg"}:
             raise DataError("column 'range_m' or 'bearing_deg' is needed, or both", path, 1)
