@@ -24,7 +24,7 @@ from gtsam_nav.graph.measurements import build_problem, clouds
 from gtsam_nav.graph.measurements.constraints import rolls
 from gtsam_nav.graph.measurements.gnss import POSITION_OUTLIER
 from gtsam_nav.graph.measurements.imu import preintegrable, silences
-from gtsam_nav.graph.online import match_factor, run_online
+from gtsam_nav.graph.online import run_online
 from gtsam_nav.graph.output import (
     constant_errors,
     keyframe_trajectory,
@@ -39,7 +39,8 @@ from gtsam_nav.graph.problem import Problem, SensorFactor
 from gtsam_nav.graph.refinement import JointRefinement, Refined, refine_without_sonar
 from gtsam_nav.graph.robust import check_sigmas
 from gtsam_nav.graph.scan_matching import ScanMatch
-from gtsam_nav.graph.settling import Settled, settle
+from gtsam_nav.graph.settling import Settled
+from gtsam_nav.graph.submap_loops import close_submap_loops, with_matches
 from gtsam_nav.graph.weights import contradictions, robust_weights
 from gtsam_nav.mission import Mission
 from gtsam_nav.odometry.cloud_map import map_or_reason
@@ -66,6 +67,7 @@ from gtsam_nav.sonar.preparation import (
     deskewed,
     leave_out_defective_sonar,
     registered_scans,
+    scans_at_once,
     sonar_map,
     sonar_turns,
 )
@@ -113,17 +115,21 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
             clouds.add(problem, track, config)
         check_anchored(problem)
     faults = loop_faults(mission.faults, config.seed, problem, scan_keyframe, config.graph.loops)
+    scans = sonar.scans if sonar else []
     with clock.stage("isam2"), states_named(problem):
-        scans = sonar.scans if sonar else []
-        online = run_online(problem, scans, scan_keyframe, config, progress, faults)
+        online = run_online(problem, sonar, scan_keyframe, config, progress, faults)
     values = online.backend.values()
     with clock.stage("loops"), states_named(problem):
-        matches = judged(online.matches, problem, values, scan_keyframe, config)
+        if sonar is not None and sonar.at_once:
+            loops = close_submap_loops(
+                problem, scans, scan_keyframe, online.matches, values, config, progress
+            )
+        else:
+            matches = judged(online.matches, problem, values, scan_keyframe, config)
+            loops = with_matches(problem, matches, scan_keyframe, values, config)
+    matches, match_factors, settled = loops.matches, loops.factors, loops.settled
     joined = [m for m in matches if m.accepted]
-    match_factors = [match_factor(m, scan_keyframe, robust.loops) for m in joined]
     others = [*problem.entries, *match_factors]
-    with clock.stage("batch"), states_named(problem):
-        settled = settle(problem, others, values)
     with clock.stage("cloud loops"), states_named(problem):
         cloud_loops = close_cloud_loops(problem, track, others, settled, config, progress)
         settled = cloud_loops.settled
@@ -229,7 +235,7 @@ def _refined(
     """The last solve, and the graph that it rests on: the echoes take the place of the matches."""
     graph = graph_of(problem.entries)
     graph.push_back(settled.factors)
-    if sonar is not None and config.graph.refinement.max_iterations:
+    if sonar is not None and not sonar.at_once and config.graph.refinement.max_iterations:
         graph.push_back(graph_of(cloud_loops))
         joint = JointRefinement(sonar.echoes, sonar.turns, problem, config.graph.refinement)
         return graph, joint.run(graph, settled.values, progress)
@@ -349,13 +355,13 @@ def _sonar_data(
     mission: Mission, echoes: Echoes | None, motion: VehicleMotion, config: Config
 ) -> SonarData | None:
     """Echoes, turns and scans; None without a sonar or without a single scan."""
-    turns = sonar_turns(mission, config.sonar)
-    if echoes is None or turns is None:
-        return None
     planar = PlanarMotion.of(
         motion.trajectory, motion.position_variance_m2_s, motion.yaw_variance_rad2_s
     )
-    return deskewed(echoes, turns, planar)
+    turns = sonar_turns(mission, config.sonar, planar)
+    if echoes is None or turns is None:
+        return None
+    return deskewed(echoes, turns, planar, at_once=scans_at_once(mission))
 
 
 def _cloud_track(

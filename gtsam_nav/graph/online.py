@@ -27,6 +27,7 @@ from gtsam_nav.graph.scan_matching import (
 )
 from gtsam_nav.series import IntArray
 from gtsam_nav.solution import Progress
+from gtsam_nav.sonar.preparation import SonarData
 from gtsam_nav.sonar.scans import Scan
 
 
@@ -57,7 +58,7 @@ class OnlinePass:
 
 def run_online(
     problem: Problem,
-    scans: list[Scan],
+    sonar: SonarData | None,
     scan_keyframe: IntArray,
     config: Config,
     progress: Progress,
@@ -67,13 +68,15 @@ def run_online(
 
     Parameters
     ----------
-    scans : list of Scan
+    sonar : SonarData or None
+        The loops of scans that are taken at once are left for later (`submap_loops`).
     scan_keyframe : ndarray of int
         Keyframe of each scan.
     faults : sequence of LoopFault
         False closures that come among the true ones.
     """
     done = OnlinePass(Backend(problem))
+    scans, closes_loops = (sonar.scans, not sonar.at_once) if sonar else ([], False)
     poses: list[PlanarPose] = []
     step = config.graph.keyframes_per_update
     for begin in range(0, len(problem.t), step):
@@ -87,7 +90,7 @@ def run_online(
         for s in np.flatnonzero((scan_keyframe >= begin) & (scan_keyframe < end)).tolist():
             k = int(scan_keyframe[s])
             poses.append(planar_pose(done.states[k], done.covariances[k]))
-            _match_scan(done, s, scans, scan_keyframe, poses, config)
+            _match_scan(done, s, scans, scan_keyframe, poses, config, closes_loops)
             for fault in faults:
                 for false in fault.drawn(s, done.true_loops, ends=s == len(scans) - 1):
                     _take_in(done, false, scan_keyframe, config.graph.robust.loops)
@@ -103,6 +106,7 @@ def _match_scan(
     scan_keyframe: IntArray,
     poses: list[PlanarPose],
     config: Config,
+    closes_loops: bool,
 ) -> None:
     """Register a new scan to the one before and to what it may revisit."""
     settings, robustness = config.graph.loops, config.graph.robust.loops
@@ -110,7 +114,8 @@ def _match_scan(
         return
     t_scans = np.array([scan.t_ref for scan in scans[: new + 1]])
     chosen = [(new - 1, False)] if new else []
-    chosen += [(old, True) for old in loop_candidates(new, poses, t_scans, settings)]
+    if closes_loops:
+        chosen += [(old, True) for old in loop_candidates(new, poses, t_scans, settings)]
     for old, is_loop in chosen:
         if len(scans[old]) < config.sonar.scans.min_points:
             continue
