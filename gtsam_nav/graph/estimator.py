@@ -39,6 +39,7 @@ from gtsam_nav.graph.problem import Problem, SensorFactor
 from gtsam_nav.graph.refinement import JointRefinement, Refined, refine_without_sonar
 from gtsam_nav.graph.robust import check_sigmas
 from gtsam_nav.graph.scan_matching import ScanMatch
+from gtsam_nav.graph.scan_clock import planar_of, with_scans_in_time
 from gtsam_nav.graph.settling import Settled
 from gtsam_nav.graph.submap_loops import close_submap_loops, with_matches
 from gtsam_nav.graph.weights import contradictions, robust_weights
@@ -61,7 +62,6 @@ from gtsam_nav.preprocess.planar_motion import planar_motion
 from gtsam_nav.series import ImuSeries
 from gtsam_nav.solution import Progress, Solution, SonarMap, StageClock
 from gtsam_nav.sonar.echoes import Echoes
-from gtsam_nav.sonar.motion import PlanarMotion
 from gtsam_nav.sonar.preparation import (
     SonarData,
     deskewed,
@@ -104,6 +104,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     mission, echoes, rejections, warnings = leave_out_defective_sonar(mission, config.sonar)
     with clock.stage("sonar"):
         sonar = _sonar_data(mission, echoes, motion, config)
+        mission, sonar, scan_clock = with_scans_in_time(mission, sonar, motion, config)
     with clock.stage("cloud odometry"):
         track, cloud_warnings = _cloud_track(mission, config, progress)
     t_scans = sonar.turns.t_ref if sonar else np.empty(0)
@@ -142,7 +143,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     timed = [(float(t_scans[m.b]), f) for m, f in zip(joined, match_factors, strict=True)]
     weights = robust_weights(problem, timed, settled.used, values)
     constants = constant_errors(problem, refined)
-    clock_offsets = ready.clocks.offsets(constants)
+    clock_offsets = (*ready.clocks.offsets(constants), *scan_clock)
     with clock.stage("covariance"), states_named(problem):
         covariances = _covariances(problem, graph, refined)
     keyframes = _keyframes(t, values, covariances)
@@ -355,9 +356,7 @@ def _sonar_data(
     mission: Mission, echoes: Echoes | None, motion: VehicleMotion, config: Config
 ) -> SonarData | None:
     """Echoes, turns and scans; None without a sonar or without a single scan."""
-    planar = PlanarMotion.of(
-        motion.trajectory, motion.position_variance_m2_s, motion.yaw_variance_rad2_s
-    )
+    planar = planar_of(motion)
     turns = sonar_turns(mission, config.sonar, planar)
     if echoes is None or turns is None:
         return None

@@ -72,7 +72,7 @@ class SubmapLoopSettings(Settings):
     """
 
     reach_m: float = Field(default=8.0, gt=0)
-    spacing_m: float = Field(default=2.0, gt=0)
+    spacing_m: float = Field(default=3.0, gt=0)
     radius_m: float = Field(default=3.0, gt=0)
     max_candidates: int = Field(default=4, ge=1)
 

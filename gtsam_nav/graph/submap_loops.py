@@ -68,7 +68,7 @@ def close_submap_loops(
     values : gtsam.Values
         Start.
     """
-    done = with_matches(problem, list(consecutive), scan_keyframe, values, config)
+    open_loop = done = with_matches(problem, list(consecutive), scan_keyframe, values, config)
     for n in range(MAX_ROUNDS):
         track = _Track(problem, scans, scan_keyframe, done, config)
         known = {(m.a, m.b): m for m in done.matches if m.is_loop and m.accepted}
@@ -78,12 +78,12 @@ def close_submap_loops(
             found.append(known.pop((a, b), None) or track.matched(a, b))
             progress("loops", (n + i / len(pairs)) / MAX_ROUNDS)
         matches = [*consecutive, *known.values(), *found]
-        matches = judged(matches, problem, done.settled.values, scan_keyframe, config)
+        matches = judged(matches, problem, open_loop.settled.values, scan_keyframe, config)
         before = {(m.a, m.b) for m in done.matches if m.accepted}
         done = with_matches(problem, matches, scan_keyframe, done.settled.values, config)
         now = {(m.a, m.b) for m in matches if m.accepted}
         log.info("loops, round %d: %d of %d believed", n + 1, len(now - before), len(pairs))
-        if now == before:
+        if now <= before:
             break
     progress("loops", 1.0)
     return done

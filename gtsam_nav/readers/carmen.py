@@ -8,7 +8,7 @@ PARAM   ``robot_frontlaser_offset`` is the laser's place ahead of the robot's ce
         ``robot_front_laser_max`` the range that stands for no echo
 ======  ========================================================================================
 
-Stamps are ``ipc_t``. Speeds are those between successive odometry poses: many robots leave tv and
+Stamps are ``ipc_t``: when a message came in, which for a scan is some time after it was taken. Speeds are those between successive odometry poses: many robots leave tv and
 rv at zero.
 """
 
@@ -41,6 +41,10 @@ LINE = re.compile(r"(FLASER \d+( [\d.]+){2}|ODOM( -?[\d.eE+-]+){6} )")
 NO_ECHO_M = 50.0
 """Ranges from here on are none, whatever the log's own limit."""
 FIELD_OF_VIEW_RAD = np.pi
+LASER_NOISE = {"sigma_range_m": 0.03, "sigma_bearing_deg": 0.5}
+"""Of the lasers that such robots carry: ranges in steps of some centimetres, half a beam."""
+LATE_S = 0.1
+"""By which scans are stamped late, or thereabouts: the graph finds it."""
 POSIX_S = 1e8
 """Stamps beyond are seconds since 1970."""
 MALFORMED = "malformed line"
@@ -73,7 +77,9 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
     if odometry is not None:
         sensors["odometry"] = Sensor("odometry", "odometry", odometry)
     if scans is not None:
-        sensors["scans"] = Sensor("scans", "scans", scans)
+        sensors["scans"] = Sensor(
+            "scans", "scans", scans, noise=LASER_NOISE, time_offset_sigma_s=LATE_S
+        )
     if not sensors:
         raise DataError("no whole FLASER line, and no two poses to tell a speed", path)
     first = next(iter(sensors.values())).series.t[0]

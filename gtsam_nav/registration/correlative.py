@@ -84,8 +84,8 @@ def search(
         blocks,
         settings.max_rival,
     )
-    best = np.array(np.unravel_index(np.nanargmax(volume), volume.shape))
-    score = float(volume[tuple(best)])
+    best = np.array(np.unravel_index(np.argmax(np.nan_to_num(volume)), volume.shape))
+    score = float(np.nan_to_num(volume[tuple(best)]))
     q = prior + np.array([*((best[1:] - blocks * BLOCK) * cell_m), turns[best[0]]])
     q[2] = wrap_angle(q[2])
     if score < settings.min_score:
