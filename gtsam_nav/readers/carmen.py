@@ -16,15 +16,16 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import Mission, Rejection, Sensor
+from gtsam_nav.mission import Mission, Rejection, Relations, Sensor
 from gtsam_nav.preprocess.cleaning import screen, tidy
+from gtsam_nav.readers._carmen_relations import ENDING, read_relations
 from gtsam_nav.readers._clock import on_mission_time
 from gtsam_nav.readers._odometry import speeds_between
 from gtsam_nav.readers._text import TRUNCATED, first_lines, stream_lines
@@ -91,7 +92,27 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
         warnings=tuple(log.warnings()),
         sources=(path,),
     )
-    return on_mission_time(mission, {"odometry": 0.0, "scans": 0.0})
+    mission = on_mission_time(mission, {"odometry": 0.0, "scans": 0.0})
+    return mission if scans is None else _with_relations(mission, path, scans)
+
+
+def _with_relations(mission: Mission, path: Path, scans: ScanSeries) -> Mission:
+    """The mission with the relations that lie beside a log, whose scans still have its stamps."""
+    beside = path.with_name(mission.name + ENDING)
+    left = mission.first("scans")
+    if left is None or not beside.is_file():
+        return mission
+    series = left.series
+    zero = scans.t[scans.row == series.row[0]][0] - series.t[0]
+    relations, warning = read_relations(beside, left.name, series.t + zero)
+    if relations is not None:
+        relations = replace(relations, t=relations.t - zero)
+    return replace(
+        mission,
+        relations=relations,
+        warnings=(*mission.warnings, *([warning] if warning else [])),
+        sources=(*mission.sources, beside),
+    )
 
 
 @dataclass
