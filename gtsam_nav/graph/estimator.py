@@ -39,7 +39,7 @@ from gtsam_nav.graph.problem import Problem, SensorFactor
 from gtsam_nav.graph.refinement import JointRefinement, Refined, refine_without_sonar
 from gtsam_nav.graph.robust import check_sigmas
 from gtsam_nav.graph.scan_matching import ScanMatch
-from gtsam_nav.graph.scan_clock import planar_of, with_scans_in_time
+from gtsam_nav.graph.scan_calibration import calibrate_by_scans, planar_of
 from gtsam_nav.graph.settling import Settled
 from gtsam_nav.graph.submap_loops import close_submap_loops, with_matches
 from gtsam_nav.graph.weights import contradictions, robust_weights
@@ -100,18 +100,22 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     """
     clock, robust = StageClock(), config.graph.robust
     ready = _made_ready(mission, config, clock, progress)
-    mission, config, motion = ready.mission, ready.config, ready.motion
+    mission, config, motion, start = ready.mission, ready.config, ready.motion, ready.start
     mission, echoes, rejections, warnings = leave_out_defective_sonar(mission, config.sonar)
     with clock.stage("sonar"):
         sonar = _sonar_data(mission, echoes, motion, config)
-        mission, sonar, scan_clock = with_scans_in_time(mission, sonar, motion, config)
+        calibration = calibrate_by_scans(mission, sonar, motion, config)
+        if calibration is not None and echoes is not None:
+            mission = calibration.corrected(mission)
+            start, motion = _start_and_motion(mission, config)
+            sonar = _sonar_data(mission, echoes.shift(calibration.clock.offset_s), motion, config)
     with clock.stage("cloud odometry"):
         track, cloud_warnings = _cloud_track(mission, config, progress)
     t_scans = sonar.turns.t_ref if sonar else np.empty(0)
     t = _keyframe_times(mission, t_scans, track, config)
     scan_keyframe = np.searchsorted(t, t_scans)
     with clock.stage("factors"):
-        problem = build_problem(mission, ready.start, motion, t, config)
+        problem = build_problem(mission, start, motion, t, config)
         if track is not None:
             clouds.add(problem, track, config)
         check_anchored(problem)
@@ -143,7 +147,9 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     timed = [(float(t_scans[m.b]), f) for m, f in zip(joined, match_factors, strict=True)]
     weights = robust_weights(problem, timed, settled.used, values)
     constants = constant_errors(problem, refined)
-    clock_offsets = (*ready.clocks.offsets(constants), *scan_clock)
+    clock_offsets = ready.clocks.offsets(constants)
+    if calibration is not None:
+        clock_offsets = (*clock_offsets, calibration.clock)
     with clock.stage("covariance"), states_named(problem):
         covariances = _covariances(problem, graph, refined)
     keyframes = _keyframes(t, values, covariances)
@@ -174,6 +180,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
             *problem.warnings,
             *ready.warnings,
             *warnings,
+            *(calibration.warnings if calibration is not None else ()),
             *cloud_warnings,
             *cloud_loops.warnings,
             *map_warnings,

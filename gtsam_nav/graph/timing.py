@@ -92,7 +92,7 @@ def timing_errors(mission: Mission) -> tuple[TimingError, ...]:
     for name, sensor in mission.sensors.items():
         if not len(sensor.series):
             continue
-        # what is scanned at once finds its own (`scan_clock`)
+        # what is scanned at once finds its own (`scan_calibration`)
         if sensor.time_offset_sigma_s > 0 and not (
             sensor.type == "scans" and scans_at_once(mission)
         ):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -46,15 +46,6 @@ class SonarData:
     turns: Turns
     scans: list[Scan]
     at_once: bool = False
-
-    def shift(self, by_s: float) -> SonarData:
-        """The same at times moved by a constant: of scans that no motion bends."""
-        return SonarData(
-            replace(self.echoes, t=self.echoes.t + by_s),
-            replace(self.turns, t_ref=self.turns.t_ref + by_s),
-            [replace(scan, t_ref=scan.t_ref + by_s) for scan in self.scans],
-            self.at_once,
-        )
 
 
 def leave_out_defective_sonar(
