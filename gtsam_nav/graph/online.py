@@ -21,6 +21,7 @@ from gtsam_nav.graph.scan_matching import (
     SCAN_MATCH,
     PlanarPose,
     ScanMatch,
+    between,
     loop_candidates,
     match_scans,
     relative_pose,
@@ -28,7 +29,14 @@ from gtsam_nav.graph.scan_matching import (
 from gtsam_nav.series import IntArray
 from gtsam_nav.solution import Progress
 from gtsam_nav.sonar.preparation import SonarData
-from gtsam_nav.sonar.scans import Scan
+from gtsam_nav.sonar.scans import Scan, planar_rotations
+
+
+RECENT_SCANS = 6
+"""Of a scanner whose scans are taken at once: so many together are what the next one is compared
+with."""
+RECENT_CELL_M = 0.1
+"""One of their points a cell is enough."""
 
 
 @dataclass
@@ -120,15 +128,32 @@ def _match_scan(
         if len(scans[old]) < config.sonar.scans.min_points:
             continue
         a, b = int(scan_keyframe[old]), int(scan_keyframe[new])
+        pair = {old: scans[old], new: scans[new]}
         if is_loop:
             here = planar_pose(done.backend.peek(a), np.eye(9))
             prior = relative_pose(here, poses[new], done.backend.joint_planar_covariance(a, b))
         else:
             prior = done.backend.problem.planar_increment(a, b)
-        found = match_scans(
-            old, new, scans, prior, config.pic, robustness.gate_probability, is_loop
-        )
+            if not closes_loops:
+                pair[old] = _recent(done, old, scans, scan_keyframe)
+        found = match_scans(old, new, pair, prior, config.pic, robustness.gate_probability, is_loop)
         _take_in(done, found, scan_keyframe, robustness)
+
+
+def _recent(done: OnlinePass, last: int, scans: list[Scan], scan_keyframe: IntArray) -> Scan:
+    """The last scan with those before it, in its own frame: more than a scan sees of a place."""
+    members = range(last, max(last - RECENT_SCANS, -1), -1)
+    states = [done.backend.peek(int(scan_keyframe[s])) for s in members]
+    poses = np.array([[*state.position()[:2], state.attitude().yaw()] for state in states])
+    xy, cov = [], []
+    for s, pose in zip(members, poses, strict=True):
+        q = between(poses[0], pose)[0]
+        B = planar_rotations(q[2])
+        xy.append(q[:2] + scans[s].xy @ B.T)
+        cov.append(B @ scans[s].cov @ B.T)
+    points = np.concatenate(xy)
+    _, first = np.unique(np.floor(points / RECENT_CELL_M), axis=0, return_index=True)
+    return Scan(scans[last].t_ref, points[first], np.concatenate(cov)[first])
 
 
 def _take_in(

@@ -154,7 +154,13 @@ class _Track:
             match = PlanarMatch(found.q, prior.cov, found.score, 1, found.failure)
             return ScanMatch(a, b, match, found.failure, is_loop=True)
         near = np.diag([settings.cell_m, settings.cell_m, np.radians(2.0)]) ** 2
-        match = register(_as_scan(reference, settings.cell_m), _as_scan(new, settings.cell_m), found.q, near, self._config.pic)
+        match = register(
+            _as_scan(reference, settings.cell_m),
+            _as_scan(new, settings.cell_m),
+            found.q,
+            near,
+            self._config.pic,
+        )
         reason, residual = match.failure, None
         if match.ok and gate is not None:
             off = between(q_prior, match.q)[0]
