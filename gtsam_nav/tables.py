@@ -105,6 +105,27 @@ def comparison_table(rows: Sequence[ComparisonRow]) -> Table:
     return _table(f"Horizontal error, m{note}", columns, cells)
 
 
+def relation_table(rows: Sequence[ComparisonRow]) -> Table:
+    """Errors of the runs on surveyed relations, those between far apart times being loops."""
+    columns = ("run", "relations", ">number", ">median m", ">95 % m", ">median deg", ">95 % deg")
+    cells = [
+        (
+            row.name,
+            kind,
+            str(errors.n),
+            figure(errors.median_m, 3),
+            figure(errors.p95_m, 3),
+            figure(errors.median_deg),
+            figure(errors.p95_deg),
+        )
+        for row in rows
+        if row.relations is not None
+        for kind, errors in (("near", row.relations.near), ("loops", row.relations.loops))
+        if errors is not None
+    ]
+    return _table("Error of relative poses", columns, cells)
+
+
 def ranking_table(ranking: Ranking) -> Table:
     """Methods and settings of a batch, best first."""
     columns = (

@@ -15,8 +15,8 @@ from pydantic import TypeAdapter
 from gtsam_nav.evaluation.alignment import ALIGNMENTS, Aligned, align
 from gtsam_nav.evaluation.consistency import Consistency, consistency, horizontal_nees
 from gtsam_nav.evaluation.matching import Matched, distance_m, match
-from gtsam_nav.evaluation.relative import relative_error
 from gtsam_nav.evaluation.relations import RelationScores, relation_scores
+from gtsam_nav.evaluation.relative import relative_error
 from gtsam_nav.evaluation.statistics import (
     AbsoluteErrors,
     ErrorStatistics,

@@ -38,8 +38,8 @@ from gtsam_nav.graph.output import (
 from gtsam_nav.graph.problem import Problem, SensorFactor
 from gtsam_nav.graph.refinement import JointRefinement, Refined, refine_without_sonar
 from gtsam_nav.graph.robust import check_sigmas
-from gtsam_nav.graph.scan_matching import ScanMatch
 from gtsam_nav.graph.scan_calibration import calibrate_by_scans, planar_of
+from gtsam_nav.graph.scan_matching import ScanMatch
 from gtsam_nav.graph.settling import Settled
 from gtsam_nav.graph.submap_loops import close_submap_loops, with_matches
 from gtsam_nav.graph.weights import contradictions, robust_weights

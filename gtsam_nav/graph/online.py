@@ -31,7 +31,6 @@ from gtsam_nav.solution import Progress
 from gtsam_nav.sonar.preparation import SonarData
 from gtsam_nav.sonar.scans import Scan, planar_rotations
 
-
 RECENT_SCANS = 6
 """Of a scanner whose scans are taken at once: so many together are what the next one is compared
 with."""

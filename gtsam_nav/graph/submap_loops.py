@@ -37,6 +37,9 @@ log = logging.getLogger(__name__)
 
 MAX_ROUNDS = 6
 SURE_SIGMAS = 2.0
+DOUBT = 2.0
+"""On the estimate's standard deviations: matches of scans that follow each other share errors, so
+that it is surer of itself than it should be. What is found is judged among all (`judged`)."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +78,7 @@ def close_submap_loops(
         pairs = track.candidates()
         found = []
         for i, (a, b) in enumerate(pairs):
-            found.append(known.pop((a, b), None) or track.matched(a, b))
+            found.append(known.pop((a, b)) if (a, b) in known else track.matched(a, b))
             progress("loops", (n + i / len(pairs)) / MAX_ROUNDS)
         matches = [*consecutive, *known.values(), *found]
         matches = judged(matches, problem, open_loop.settled.values, scan_keyframe, config)
@@ -183,9 +186,9 @@ class _Track:
 
     def _prior(self, a: int, b: int) -> PlanarPose:
         """Scan b in scan a by the estimate."""
-        cov = self._cov([a, b])
-        ends = (PlanarPose(self.poses[k, :2], self.poses[k, 2], np.eye(3)) for k in (a, b))
-        return relative_pose(*ends, cov)
+        cov = DOUBT**2 * self._cov([a, b])
+        here, there = (PlanarPose(self.poses[k, :2], self.poses[k, 2], np.eye(3)) for k in (a, b))
+        return relative_pose(here, there, cov)
 
     def _cov(self, scans: list[int]) -> Array:
         """Joint covariance of north, east and yaw of some scans."""

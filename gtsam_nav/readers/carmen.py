@@ -8,8 +8,9 @@ PARAM   ``robot_frontlaser_offset`` is the laser's place ahead of the robot's ce
         ``robot_front_laser_max`` the range that stands for no echo
 ======  ========================================================================================
 
-Stamps are ``ipc_t``: when a message came in, which for a scan is some time after it was taken. Speeds are those between successive odometry poses: many robots leave tv and
-rv at zero.
+Stamps are ``ipc_t``: when a message came in, which for a scan is some time after it was taken.
+Speeds are those between successive odometry poses: many robots leave tv and rv at zero. Surveyed
+relations in a file ``NAME.relations`` beside the log are its ground truth.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ import numpy as np
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import Mission, Rejection, Relations, Sensor
+from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.preprocess.cleaning import screen, tidy
 from gtsam_nav.readers._carmen_relations import ENDING, read_relations
 from gtsam_nav.readers._clock import on_mission_time

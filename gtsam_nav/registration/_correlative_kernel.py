@@ -62,10 +62,10 @@ def score_volume(
     n = 2 * blocks * block
     volume = np.full((len(turns), n, n), np.nan)
     best = 0.0
-    first = np.argmax(upper)
-    for m in range(upper.size + 1):
+    first = int(np.argmax(upper))
+    for m in range(-1, upper.size):
         # the most promising block first: it spares many others
-        flat = first if m == 0 else m - 1
+        flat = first if m < 0 else m
         k, rest = flat // (4 * blocks * blocks), flat % (4 * blocks * blocks)
         i, j = rest // (2 * blocks), rest % (2 * blocks)
         if upper[k, i, j] < keep * best or upper[k, i, j] <= 0.0:
@@ -96,7 +96,7 @@ def _squared(x: float, y: float, turn: float, cell_m: float, A: Array) -> float:
     """Squared Mahalanobis distance of a pose from the prior."""
     x, y = x * cell_m, y * cell_m
     across = A[0, 1] * x * y + A[0, 2] * x * turn + A[1, 2] * y * turn
-    return A[0, 0] * x * x + A[1, 1] * y * y + A[2, 2] * turn * turn + 2 * across
+    return float(A[0, 0] * x * x + A[1, 1] * y * y + A[2, 2] * turn * turn + 2 * across)
 
 
 @numba.njit(cache=True, error_model="numpy")

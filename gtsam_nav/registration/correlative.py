@@ -65,8 +65,9 @@ def search(
     step_rad = cell_m / max(float(np.sqrt(np.mean(np.sum(new**2, axis=1)))), cell_m)
     cov = cov_prior + np.diag([cell_m, cell_m, step_rad]) ** 2
     reach = np.sqrt(GATE * np.diag(cov))
-    if max(reach[:2]) > settings.reach_m or reach[2] > np.radians(settings.reach_deg):
-        return Found(prior, 0.0, "the estimate is too vague")
+    # a vague prior is searched as far as settings allow, about its most likely poses
+    beyond = max(*(reach[:2] / settings.reach_m), reach[2] / np.radians(settings.reach_deg), 1.0)
+    cov, reach = cov / beyond**2, reach / beyond
     field, corner = _field(reference, cell_m)
     turns = np.arange(-int(reach[2] / step_rad), int(reach[2] / step_rad) + 1) * step_rad
     blocks = int(np.ceil(max(reach[:2]) / cell_m / BLOCK))
@@ -80,7 +81,7 @@ def search(
         prior,
         np.linalg.inv(cov),
         GATE,
-        turns,
+        np.asarray(turns, dtype=float),
         blocks,
         settings.max_rival,
     )
@@ -113,7 +114,7 @@ def _field(xy: Array, cell_m: float) -> tuple[Array, Array]:
     free = np.ones(index.max(axis=0) + MARGIN_CELLS + 1, dtype=bool)
     free[index[:, 0], index[:, 1]] = False
     distance = distance_transform_edt(free)
-    return np.exp(-0.5 * (distance / BLUR_CELLS) ** 2), corner
+    return np.asarray(np.exp(-0.5 * (distance / BLUR_CELLS) ** 2), dtype=float), corner
 
 
 def _bound(field: Array) -> Array:

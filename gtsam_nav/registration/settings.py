@@ -51,7 +51,7 @@ class CorrelativeSettings(Settings):
     cell_m : float
         Of the grid on which poses are tried, and which blurs the reference.
     reach_m, reach_deg : float
-        A prior that allows poses further off is too vague to search.
+        No pose further off is tried, however vague the prior.
     min_score : float
         Least share of the new points that the reference must explain.
     max_rival : float

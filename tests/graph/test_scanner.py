@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -43,7 +44,7 @@ def walls() -> Array:
     found = []
     for half, side in ((9.0, 1.0), (3.0, -1.0)):
         corners = half * np.array([[1, 1], [1, -1], [-1, -1], [-1, 1], [1, 1]])
-        found += list(zip(corners[:-1], corners[1:], strict=True))
+        found += list(pairwise(corners))
         for _ in range(14):
             a = rng.uniform(-half, half)
             edge = half - side * rng.uniform(0.3, 0.9)
@@ -128,7 +129,8 @@ def test_what_is_known_is_not_sought() -> None:
     scans, wheels = mission.sensors["scans"], mission.sensors["odometry"]
     known = mission.with_sensor(replace(scans, time_offset_sigma_s=0.0))
     found = calibrated(known)
-    assert found is not None and found.clock.offset_s == 0.0 == found.clock.sigma_s
+    assert found is not None
+    assert found.clock.offset_s == 0.0 == found.clock.sigma_s
     known = known.with_sensor(replace(wheels, noise={"curvature_sigma_deg_m": 0.0}))
     assert calibrated(known) is None
 

@@ -36,8 +36,10 @@ def test_the_whole_log_closes_its_loops(log: Mission) -> None:
     drifted = gn.evaluate(gn.estimate(log, "dr")).relations
     solution = gn.estimate(log, "graph")
     found = gn.evaluate(solution).relations
-    assert drifted is not None and drifted.loops is not None
-    assert found is not None and found.loops is not None
+    assert drifted is not None
+    assert found is not None
+    assert drifted.loops is not None
+    assert found.loops is not None
     assert found.loops.n == drifted.loops.n == 90
     assert drifted.loops.median_m > 2.0
     assert found.loops.median_m <= 0.15

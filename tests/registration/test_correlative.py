@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -22,7 +24,7 @@ def wall(a: tuple[float, float], b: tuple[float, float]) -> Array:
 def room() -> Array:
     """Of no symmetry: an L with a niche."""
     corners = [(-6, -4), (7, -4), (7, 1), (2, 1), (2, 6), (-2, 6), (-2, 4), (-6, 4), (-6, -4)]
-    return np.concatenate([wall(a, b) for a, b in zip(corners, corners[1:], strict=False)])
+    return np.concatenate([wall(a, b) for a, b in pairwise(corners)])
 
 
 def seen_from(xy: Array, q: Array) -> Array:
@@ -55,13 +57,16 @@ def test_a_corridor_tells_nothing_of_the_way_along_it() -> None:
     assert found.failure.startswith("ambiguous")
 
 
-def test_what_is_too_vague_is_not_searched() -> None:
-    found = search(room(), room(), np.zeros(3), 25.0 * VAGUE, SETTINGS)
-    assert found.failure == "the estimate is too vague"
+def test_the_search_has_its_reach() -> None:
+    near = CorrelativeSettings(reach_m=2.0)
+    new = seen_from(room(), np.array([4.0, 0.0, 0.0]))
+    assert search(room(), new, np.zeros(3), 25.0 * VAGUE, near).failure
+    far = CorrelativeSettings(reach_m=8.0)
+    assert search(room(), new, np.zeros(3), 25.0 * VAGUE, far).q[0] == pytest.approx(4.0, abs=0.3)
 
 
 def test_nothing_in_common_is_no_match() -> None:
-    found = search(room(), room() + [500.0, 0.0], np.zeros(3), VAGUE, SETTINGS)
+    found = search(room(), room() + np.array([500.0, 0.0]), np.zeros(3), VAGUE, SETTINGS)
     assert found.score == 0.0
     assert found.failure.startswith("score 0.00")
 
