@@ -272,11 +272,9 @@ def show_runs(folders: Mapping[str, Path], as_json: bool = False) -> None:
     if as_json:
         show_json([asdict(row) for row in rows])
     else:
-        from gtsam_nav.tables import comparison_table, relation_table
+        from gtsam_nav.tables import comparison_tables
 
-        show(comparison_table(rows))
-        if any(row.relations for row in rows):
-            show("", relation_table(rows))
+        show(*comparison_tables(rows))
     concerned: dict[str, list[str]] = {}
     for row in rows:
         for fault in runs[row.name].record.faults:

@@ -80,6 +80,12 @@ def finding_table(findings: Iterable[Finding]) -> Table:
     return _table("Findings", ("", "check", "sensor", "what"), rows)
 
 
+def comparison_tables(rows: Sequence[ComparisonRow]) -> list[Table | str]:
+    """Runs side by side, and on surveyed relations where any has them."""
+    tables: list[Table | str] = [comparison_table(rows)]
+    return [*tables, "", relation_table(rows)] if any(row.relations for row in rows) else tables
+
+
 def comparison_table(rows: Sequence[ComparisonRow]) -> Table:
     """Runs side by side; errors in metres, by alignment."""
     columns = (

@@ -24,7 +24,7 @@ from gtsam_nav.graph.measurements import build_problem, clouds
 from gtsam_nav.graph.measurements.constraints import rolls
 from gtsam_nav.graph.measurements.gnss import POSITION_OUTLIER
 from gtsam_nav.graph.measurements.imu import preintegrable, silences
-from gtsam_nav.graph.online import run_online
+from gtsam_nav.graph.online import OnlinePass, run_online
 from gtsam_nav.graph.output import (
     constant_errors,
     keyframe_trajectory,
@@ -38,10 +38,10 @@ from gtsam_nav.graph.output import (
 from gtsam_nav.graph.problem import Problem, SensorFactor
 from gtsam_nav.graph.refinement import JointRefinement, Refined, refine_without_sonar
 from gtsam_nav.graph.robust import check_sigmas
-from gtsam_nav.graph.scan_calibration import calibrate_by_scans, planar_of
+from gtsam_nav.graph.scan_calibration import ScanCalibration, calibrate_by_scans, planar_of
 from gtsam_nav.graph.scan_matching import ScanMatch
 from gtsam_nav.graph.settling import Settled
-from gtsam_nav.graph.submap_loops import close_submap_loops, with_matches
+from gtsam_nav.graph.submap_loops import ScanLoops, close_submap_loops, with_matches
 from gtsam_nav.graph.weights import contradictions, robust_weights
 from gtsam_nav.mission import Mission
 from gtsam_nav.odometry.cloud_map import map_or_reason
@@ -59,7 +59,7 @@ from gtsam_nav.preprocess.motion import (
     vehicle_motion,
 )
 from gtsam_nav.preprocess.planar_motion import planar_motion
-from gtsam_nav.series import ImuSeries
+from gtsam_nav.series import ImuSeries, IntArray
 from gtsam_nav.solution import Progress, Solution, SonarMap, StageClock
 from gtsam_nav.sonar.echoes import Echoes
 from gtsam_nav.sonar.preparation import (
@@ -100,38 +100,26 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     """
     clock, robust = StageClock(), config.graph.robust
     ready = _made_ready(mission, config, clock, progress)
-    mission, config, motion, start = ready.mission, ready.config, ready.motion, ready.start
-    mission, echoes, rejections, warnings = leave_out_defective_sonar(mission, config.sonar)
+    config = ready.config
+    mission, echoes, rejections, warnings = leave_out_defective_sonar(ready.mission, config.sonar)
     with clock.stage("sonar"):
-        sonar = _sonar_data(mission, echoes, motion, config)
-        calibration = calibrate_by_scans(mission, sonar, motion, config)
-        if calibration is not None and echoes is not None:
-            mission = calibration.corrected(mission)
-            start, motion = _start_and_motion(mission, config)
-            sonar = _sonar_data(mission, echoes.shift(calibration.clock.offset_s), motion, config)
+        ready, sonar, by_scans = _with_scans(replace(ready, mission=mission), echoes)
+    mission, motion = ready.mission, ready.motion
     with clock.stage("cloud odometry"):
         track, cloud_warnings = _cloud_track(mission, config, progress)
     t_scans = sonar.turns.t_ref if sonar else np.empty(0)
     t = _keyframe_times(mission, t_scans, track, config)
     scan_keyframe = np.searchsorted(t, t_scans)
     with clock.stage("factors"):
-        problem = build_problem(mission, start, motion, t, config)
+        problem = build_problem(mission, ready.start, motion, t, config)
         if track is not None:
             clouds.add(problem, track, config)
         check_anchored(problem)
     faults = loop_faults(mission.faults, config.seed, problem, scan_keyframe, config.graph.loops)
-    scans = sonar.scans if sonar else []
     with clock.stage("isam2"), states_named(problem):
         online = run_online(problem, sonar, scan_keyframe, config, progress, faults)
-    values = online.backend.values()
     with clock.stage("loops"), states_named(problem):
-        if sonar is not None and sonar.at_once:
-            loops = close_submap_loops(
-                problem, scans, scan_keyframe, online.matches, values, config, progress
-            )
-        else:
-            matches = judged(online.matches, problem, values, scan_keyframe, config)
-            loops = with_matches(problem, matches, scan_keyframe, values, config)
+        loops = _scan_loops(problem, sonar, scan_keyframe, online, config, progress)
     matches, match_factors, settled = loops.matches, loops.factors, loops.settled
     joined = [m for m in matches if m.accepted]
     others = [*problem.entries, *match_factors]
@@ -147,9 +135,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     timed = [(float(t_scans[m.b]), f) for m, f in zip(joined, match_factors, strict=True)]
     weights = robust_weights(problem, timed, settled.used, values)
     constants = constant_errors(problem, refined)
-    clock_offsets = ready.clocks.offsets(constants)
-    if calibration is not None:
-        clock_offsets = (*clock_offsets, calibration.clock)
+    clock_offsets = (*ready.clocks.offsets(constants), *(c.clock for c in by_scans))
     with clock.stage("covariance"), states_named(problem):
         covariances = _covariances(problem, graph, refined)
     keyframes = _keyframes(t, values, covariances)
@@ -180,7 +166,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
             *problem.warnings,
             *ready.warnings,
             *warnings,
-            *(calibration.warnings if calibration is not None else ()),
+            *(warning for c in by_scans for warning in c.warnings),
             *cloud_warnings,
             *cloud_loops.warnings,
             *map_warnings,
@@ -229,6 +215,24 @@ def _made_ready(mission: Mission, config: Config, clock: StageClock, progress: P
         if clocks.errors:
             start, motion = _start_and_motion(mission, config)
     return _Ready(mission, config, start, motion, clocks, warnings)
+
+
+def _scan_loops(
+    problem: Problem,
+    sonar: SonarData | None,
+    scan_keyframe: IntArray,
+    online: OnlinePass,
+    config: Config,
+    progress: Progress,
+) -> ScanLoops:
+    """The estimate with the scans' matches: closures are judged, or between submaps still found."""
+    values = online.backend.values()
+    if sonar is not None and sonar.at_once:
+        return close_submap_loops(
+            problem, sonar.scans, scan_keyframe, online.matches, values, config, progress
+        )
+    matches = judged(online.matches, problem, values, scan_keyframe, config)
+    return with_matches(problem, matches, scan_keyframe, values, config)
 
 
 def _refined(
@@ -357,6 +361,20 @@ def _keyframe_times(
             interval_s = min(interval_s, ROLLING_INTERVAL_S)
     merged = merged_anchors(anchors, config.graph.anchor_spacing_s)
     return keyframe_times(*mission.span_s, merged, interval_s)
+
+
+def _with_scans(
+    ready: _Ready, echoes: Echoes | None
+) -> tuple[_Ready, SonarData | None, list[ScanCalibration]]:
+    """The sonar's scans, and the mission put right by what a scanner's tell."""
+    sonar = _sonar_data(ready.mission, echoes, ready.motion, ready.config)
+    found = calibrate_by_scans(ready.mission, sonar, ready.motion, ready.config)
+    if found is None or echoes is None:
+        return ready, sonar, []
+    mission = found.corrected(ready.mission)
+    start, motion = _start_and_motion(mission, ready.config)
+    sonar = _sonar_data(mission, echoes.shift(found.clock.offset_s), motion, ready.config)
+    return replace(ready, mission=mission, start=start, motion=motion), sonar, [found]
 
 
 def _sonar_data(
