@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Protocol, cast, runtime_checkable
 
 from gtsam_nav.errors import ConfigError, DataError
 from gtsam_nav.mission import Mission
-from gtsam_nav.readers._file_card import with_card
 from gtsam_nav.solution import Progress, no_progress
 
 if TYPE_CHECKING:
@@ -101,6 +100,8 @@ def open_mission(
     if isinstance(reader, DescribingReader):
         return reader.read(place, progress, Path(card))
     if place.is_file():
+        from gtsam_nav.readers._file_card import with_card
+
         return with_card(reader.read(place, progress), Path(card))
     takers = ", ".join(r.NAME for r in readers() if isinstance(r, DescribingReader))
     raise ConfigError(
