@@ -272,16 +272,16 @@ def show_runs(folders: Mapping[str, Path], as_json: bool = False) -> None:
     if as_json:
         show_json([asdict(row) for row in rows])
     else:
-        from gtsam_nav.tables import comparison_table
+        from gtsam_nav.tables import comparison_tables
 
-        show(comparison_table(rows))
+        show(*comparison_tables(rows))
     concerned: dict[str, list[str]] = {}
     for row in rows:
         for fault in runs[row.name].record.faults:
             concerned.setdefault(f"injected {fault}", []).append(row.name)
         for warning in runs[row.name].record.warnings:
             concerned.setdefault(warning, []).append(row.name)
-        if row.coverage is None:
+        if row.coverage is None and row.relations is None:
             concerned.setdefault("no score: nothing to score on", []).append(row.name)
         elif row.failed:
             failed = f"failed: covers only {row.coverage:.1%} of the reference"

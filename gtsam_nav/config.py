@@ -22,7 +22,7 @@ from gtsam_nav.graph.settings import GraphSettings
 from gtsam_nav.odometry.settings import KissSettings
 from gtsam_nav.preprocess.gnss_policy import GnssSettings
 from gtsam_nav.preprocess.settings import MotionSettings
-from gtsam_nav.registration.settings import Open3dSettings, PicSettings
+from gtsam_nav.registration.settings import CorrelativeSettings, Open3dSettings, PicSettings
 from gtsam_nav.sensors.settings import LandmarkSettings
 from gtsam_nav.settings import Settings
 from gtsam_nav.sonar.settings import SonarSettings
@@ -41,6 +41,7 @@ class Config(Settings):
     pose_ekf: PoseEkfSettings = PoseEkfSettings()
     sonar: SonarSettings = SonarSettings()
     pic: PicSettings = PicSettings()
+    correlative: CorrelativeSettings = CorrelativeSettings()
     open3d: Open3dSettings = Open3dSettings()
     kiss: KissSettings = KissSettings()
     graph: GraphSettings = GraphSettings()

@@ -107,6 +107,25 @@ class Constraints:
 
 
 @dataclass(frozen=True)
+class Relations:
+    """Surveyed poses of the vehicle at one time in that at another: a reference without a frame.
+
+    Attributes
+    ----------
+    sensor : str
+        Whose stamps the times are.
+    t : ndarray, shape (n, 2)
+        Earlier and later time, s.
+    q : ndarray, shape (n, 3)
+        Pose at the later in that at the earlier: forward, starboard (m) and yaw (rad, clockwise).
+    """
+
+    sensor: str
+    t: Array
+    q: Array
+
+
+@dataclass(frozen=True)
 class Mission:
     """Everything that was measured on one outing.
 
@@ -123,6 +142,8 @@ class Mission:
         Surveyed landmarks.
     constraints : Constraints
         How the vehicle can move.
+    relations : Relations or None
+        Ground truth, as the reference is.
     faults : tuple of str
         Specifications of the faults that were injected into it.
     rejections : tuple of Rejection
@@ -140,6 +161,7 @@ class Mission:
     initial: InitialState = field(default_factory=InitialState)
     landmark_map: LandmarkMap | None = None
     constraints: Constraints = field(default_factory=Constraints)
+    relations: Relations | None = None
     faults: tuple[str, ...] = ()
     rejections: tuple[Rejection, ...] = ()
     warnings: tuple[str, ...] = ()

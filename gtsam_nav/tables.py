@@ -80,6 +80,12 @@ def finding_table(findings: Iterable[Finding]) -> Table:
     return _table("Findings", ("", "check", "sensor", "what"), rows)
 
 
+def comparison_tables(rows: Sequence[ComparisonRow]) -> list[Table | str]:
+    """Runs side by side, and on surveyed relations where any has them."""
+    tables: list[Table | str] = [comparison_table(rows)]
+    return [*tables, "", relation_table(rows)] if any(row.relations for row in rows) else tables
+
+
 def comparison_table(rows: Sequence[ComparisonRow]) -> Table:
     """Runs side by side; errors in metres, by alignment."""
     columns = (
@@ -103,6 +109,27 @@ def comparison_table(rows: Sequence[ComparisonRow]) -> Table:
     ]
     note = ", simulated sonar" if any(row.sonar == "simulated" for row in rows) else ""
     return _table(f"Horizontal error, m{note}", columns, cells)
+
+
+def relation_table(rows: Sequence[ComparisonRow]) -> Table:
+    """Errors of the runs on surveyed relations, those between far apart times being loops."""
+    columns = ("run", "relations", ">number", ">median m", ">95 % m", ">median deg", ">95 % deg")
+    cells = [
+        (
+            row.name,
+            kind,
+            str(errors.n),
+            figure(errors.median_m, 3),
+            figure(errors.p95_m, 3),
+            figure(errors.median_deg),
+            figure(errors.p95_deg),
+        )
+        for row in rows
+        if row.relations is not None
+        for kind, errors in (("near", row.relations.near), ("loops", row.relations.loops))
+        if errors is not None
+    ]
+    return _table("Error of relative poses", columns, cells)
 
 
 def ranking_table(ranking: Ranking) -> Table:

@@ -219,7 +219,10 @@ def _banners(report: _Report) -> Html:
 
 
 def _summary(report: _Report) -> Html:
+    relations = _relations(report)
     if all(s.reference is None for s in report.solutions):
+        if relations:
+            return _section("Scores", *relations)
         why = "Every score is empty: the mission has no reference, and no GNSS fix was withheld."
         return _section("Scores", element("p", why))
     note = (
@@ -240,7 +243,19 @@ def _summary(report: _Report) -> Html:
             element("h3", "The same over the whole reference, inside and outside the window"),
             tables.summary_table(report.whole, report.records),
         ]
-    return _section(_scored_title(report, "Scores"), *pieces)
+    return _section(_scored_title(report, "Scores"), *pieces, *relations)
+
+
+def _relations(report: _Report) -> list[Html]:
+    """Errors on surveyed relations, where the mission has any."""
+    if not any(m.relations for m in report.metrics.values()):
+        return []
+    note = "Errors of relative poses between two times; those far apart are loops."
+    return [
+        element("h3", "Surveyed relations"),
+        tables.relation_table(report.metrics),
+        element("p", note, class_="note"),
+    ]
 
 
 def _plan(report: _Report) -> Html:

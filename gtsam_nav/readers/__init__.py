@@ -84,24 +84,30 @@ def open_mission(
     progress : Progress, optional
         Called as the reading goes on.
     card : Path or str, optional
-        A file whose section ``mission`` says what the streams of a bag are.
+        A file whose section ``mission`` says what the streams of a bag are, or how the sensors of
+        a mission in a single file are mounted.
 
     Raises
     ------
     DataError
         Where no reader knows the path, or a file is missing or damaged.
     ConfigError
-        Where a card is given for a format that describes itself.
+        Where a card is given for a folder that describes itself.
     """
     reader, place = _located(Path(path))
     if card is None:
         return reader.read(place, progress)
-    if not isinstance(reader, DescribingReader):
-        takers = ", ".join(r.NAME for r in readers() if isinstance(r, DescribingReader))
-        raise ConfigError(
-            f"{card}: the section 'mission' is for a {takers}; {place} is a {reader.NAME}"
-        )
-    return reader.read(place, progress, Path(card))
+    if isinstance(reader, DescribingReader):
+        return reader.read(place, progress, Path(card))
+    if place.is_file():
+        from gtsam_nav.readers._file_card import with_card
+
+        return with_card(reader.read(place, progress), Path(card))
+    takers = ", ".join(r.NAME for r in readers() if isinstance(r, DescribingReader))
+    raise ConfigError(
+        f"{card}: the section 'mission' is for a {takers} and for single files; {place} is a"
+        f" {reader.NAME}"
+    )
 
 
 def describe(path: Path | str, card: Path | str | None = None) -> Contents | None:

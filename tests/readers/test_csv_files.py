@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from missions import one_sensor_folder
 
 from gtsam_nav.errors import ConfigError, DataError
 from gtsam_nav.readers import describe, open_mission
@@ -120,9 +121,9 @@ def test_a_map_that_does_not_fit_is_told_the_choices(
         open_mission(files(tmp_path), card=card(tmp_path, imu=entry))
 
 
-def test_a_format_that_describes_itself_takes_no_card(tmp_path: Path) -> None:
-    (tmp_path / "dvl.txt").write_text(
-        '{"time": 1, "vx": 1, "vy": 1, "vz": 1, "fom": 1, "altitude": 1, "velocity_valid": true}\n'
-    )
+def test_a_folder_that_describes_itself_takes_no_card(tmp_path: Path) -> None:
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    one_sensor_folder(folder, "depth", "t,depth_m,sigma\n0,1,0.1\n1,2,0.1\n")
     with pytest.raises(ConfigError, match="'mission' is for a ROS bag, CSV with a card"):
-        open_mission(tmp_path / "dvl.txt", card=card(tmp_path, imu=IMU))
+        open_mission(folder, card=card(tmp_path, imu=IMU))
