@@ -31,6 +31,7 @@ from gtsam_nav.series import (
     Series,
 )
 from gtsam_nav.writers.tables import EXACT, write_records, write_table
+from gtsam_nav.yaml_files import read_yaml_file
 
 MISSION_FILE = "mission.yaml"
 LANDMARK_MAP = "landmark_map"
@@ -80,9 +81,9 @@ def _replaceable(target: Path) -> bool:
         return False
     present = {str(p.relative_to(target)) for p in target.rglob("*") if not p.is_dir()}
     try:
-        described = yaml.safe_load((target / MISSION_FILE).read_text(encoding="utf-8"))
+        described = read_yaml_file(target / MISSION_FILE)
         named = {str(entry["file"]) for entry in described["sensors"].values()}
-    except (OSError, ValueError, LookupError, TypeError, AttributeError, yaml.YAMLError):
+    except (OSError, ValueError, LookupError, TypeError, AttributeError):
         return not present
     clouds = {name.removesuffix(".csv") for name in named}
     return all(

@@ -123,6 +123,10 @@ def read_run(folder: Path) -> Run:
         raise DataError(f"cannot read the metrics: {error}", path) from error
     exact = read_tum(folder / "trajectory.tum")
     trajectory = read_trajectory_csv(folder / "trajectory.csv")
+    if len(trajectory) != len(exact):
+        raise DataError(
+            f"trajectory.csv has {len(trajectory)} poses, trajectory.tum {len(exact)}", folder
+        )
     return Run(
         folder=folder,
         record=read_record(folder / RECORD),
