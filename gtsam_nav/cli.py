@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Annotated, cast
 import typer
 
 from gtsam_nav.cli_batch import batch
-from gtsam_nav.cli_options import ConfigOption, JsonOption, QuietOption, SetOption
+from gtsam_nav.cli_options import ConfigOption, FrameOption, JsonOption, QuietOption, SetOption
+from gtsam_nav.cli_rerun import rerun
 from gtsam_nav.errors import ConfigError, DataError, EstimationError, GtsamNavError, OutputError
 from gtsam_nav.terminal import progress_bars, say, show, show_json
 
@@ -38,6 +39,7 @@ app = typer.Typer(
 config_app = typer.Typer(no_args_is_help=True, help="The configuration.")
 app.add_typer(config_app, name="config")
 app.command()(batch)
+app.command()(rerun)
 
 MissionArgument = Annotated[Path, typer.Argument(metavar="MISSION", help="Mission folder or logs.")]
 OutOption = Annotated[
@@ -57,7 +59,6 @@ InjectOption = Annotated[
         help="Spoil what the methods see, as in gnss:outliers=0.3 or dvl:drop=300:420; repeatable.",
     ),
 ]
-FrameOption = Annotated[str, typer.Option(metavar="FRAME", help="Axes of files: ned or enu.")]
 
 
 @app.callback()
@@ -101,7 +102,7 @@ def settle_output(folder: Path, *runs: Path) -> None:
     """
     import tempfile
 
-    from gtsam_nav.writers.run_folder import RECORD
+    from gtsam_nav.writers.run_record import RECORD
 
     for place in runs:
         if place.exists() and not (place / RECORD).is_file():

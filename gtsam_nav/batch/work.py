@@ -114,8 +114,8 @@ def _estimate(run: PlannedRun, stopwatch: Stopwatch) -> RunRow:
     from gtsam_nav.evaluation.metrics import evaluate
     from gtsam_nav.methods import estimate
     from gtsam_nav.readers import open_mission
-    from gtsam_nav.writers.run_folder import RECORD, write_run
-    from gtsam_nav.writers.run_record import read_record
+    from gtsam_nav.writers.run_folder import write_run
+    from gtsam_nav.writers.run_record import RECORD, read_record
 
     # a worker is one core: threads of its own would take those of its neighbours
     with threadpool_limits(limits=1):

@@ -23,8 +23,7 @@ from gtsam_nav.evaluation.page import asset, page_document, script
 from gtsam_nav.evaluation.page.columns import Document
 from gtsam_nav.evaluation.page.skeleton import embedded, policy, sonar_viewer, workbench
 from gtsam_nav.solution import Solution
-from gtsam_nav.writers.run_folder import RECORD
-from gtsam_nav.writers.run_record import RunRecord, read_record
+from gtsam_nav.writers.run_record import RECORD, RunRecord, read_record
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

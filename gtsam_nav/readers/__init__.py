@@ -8,12 +8,13 @@ YAML file with a section ``mission``, and lists its streams by ``describe(path, 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, cast, runtime_checkable
 
 from gtsam_nav.errors import ConfigError, DataError
-from gtsam_nav.mission import Mission
+from gtsam_nav.mission import Mission, Opening
 from gtsam_nav.solution import Progress, no_progress
 
 if TYPE_CHECKING:
@@ -95,13 +96,14 @@ def open_mission(
     """
     reader, place = _located(Path(path))
     if card is None:
-        return reader.read(place, progress)
+        return replace(reader.read(place, progress), opening=Opening(place.absolute()))
     if not isinstance(reader, DescribingReader):
         takers = ", ".join(r.NAME for r in readers() if isinstance(r, DescribingReader))
         raise ConfigError(
             f"{card}: the section 'mission' is for a {takers}; {place} is a {reader.NAME}"
         )
-    return reader.read(place, progress, Path(card))
+    opening = Opening(place.absolute(), Path(card).absolute())
+    return replace(reader.read(place, progress, Path(card)), opening=opening)
 
 
 def describe(path: Path | str, card: Path | str | None = None) -> Contents | None:

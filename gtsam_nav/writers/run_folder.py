@@ -24,7 +24,7 @@ from gtsam_nav.trajectory import Trajectory
 from gtsam_nav.writers.geo import write_geojson
 from gtsam_nav.writers.point_map import write_map_image, write_ply
 from gtsam_nav.writers.pose_graph import write_g2o, write_vertex_times
-from gtsam_nav.writers.run_record import RunRecord, make_record, read_record, write_record
+from gtsam_nav.writers.run_record import RECORD, RunRecord, make_record, read_record, write_record
 from gtsam_nav.writers.tables import EXACT, write_records, write_table
 from gtsam_nav.writers.trajectories import (
     read_trajectory_csv,
@@ -33,8 +33,6 @@ from gtsam_nav.writers.trajectories import (
     write_trajectory_csv,
     write_tum,
 )
-
-RECORD = "run.json"
 
 
 @dataclass(frozen=True)

@@ -261,10 +261,10 @@ def run_folder(place: Path) -> Path:
 
 SUBJECTS: dict[str, Subject] = {
     **{name: Subject(make, open_whole) for name, make in SAMPLES.items()},
-    "ROS bag": Subject(bag("ros1", 40), open_bag_and_list, share=0.3),
-    "ROS bag, packed": Subject(packed_bag, open_whole, share=0.3),
-    "ROS bag, db3": Subject(bag("sqlite3", 40), open_whole, share=0.3),
-    "ROS bag, mcap": Subject(bag("mcap", 40), open_whole, share=0.3),
+    "ROS bag": Subject(bag("ros1", 40), open_bag_and_list, share=0.15),
+    "ROS bag, packed": Subject(packed_bag, open_whole, share=0.15),
+    "ROS bag, db3": Subject(bag("sqlite3", 40), open_whole, share=0.15),
+    "ROS bag, mcap": Subject(bag("mcap", 40), open_whole, share=0.15),
     "NMEA 0183 log": Subject(SAMPLES["NMEA 0183 log"], open_whole, with_checksums),
     "NMEA, gzipped": Subject(gzipped_nmea, open_whole),
     "CARMEN, bzipped": Subject(bzipped_carmen, open_whole),
@@ -276,7 +276,7 @@ SUBJECTS: dict[str, Subject] = {
     "TUM trajectory": Subject(trajectory("trajectory.tum"), read_trajectory),
     "KITTI trajectory": Subject(trajectory("trajectory.kitti"), read_trajectory),
     "CSV trajectory": Subject(trajectory("trajectory.csv"), read_trajectory),
-    "run": Subject(run_folder, read_exported, share=0.3),
+    "run": Subject(run_folder, read_exported, share=0.15),
 }
 
 
