@@ -7,7 +7,6 @@ warnings, row numbers. Reading sets time zero to the earliest sample.
 
 from __future__ import annotations
 
-import os
 import re
 import shutil
 from collections.abc import Callable
@@ -30,6 +29,7 @@ from gtsam_nav.series import (
     ScanSeries,
     Series,
 )
+from gtsam_nav.writers.atomic import replacing_folder
 from gtsam_nav.writers.tables import EXACT, write_records, write_table
 from gtsam_nav.yaml_files import read_yaml_file
 
@@ -58,19 +58,11 @@ def write_mission(mission: Mission, folder: Path | str) -> None:
     target = Path(folder).resolve()
     if not _replaceable(target):
         raise OutputError(f"{target} exists and is no mission folder; choose another place")
-    partial = target.with_name(f".{target.name}.{os.getpid()}.partial")
-    retired = target.with_name(f".{target.name}.{os.getpid()}.old")
     try:
-        partial.mkdir(parents=True)
-        _write_files(mission, partial)
-        if target.exists():
-            target.rename(retired)
-        partial.rename(target)
-        shutil.rmtree(retired, ignore_errors=True)
+        with replacing_folder(target) as draft:
+            _write_files(mission, draft)
     except OSError as error:
         raise OutputError(f"{target}: the mission cannot be written: {error}") from error
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
 
 
 def _replaceable(target: Path) -> bool:
