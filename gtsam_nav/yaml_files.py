@@ -36,7 +36,7 @@ def parse_yaml(text: str) -> Any:
         Where it is malformed, repeats a key or asks for objects.
     """
     try:
-        return yaml.load(text, Loader=_UniqueKeyLoader)
+        return yaml.load(text, Loader=_UniqueKeyLoader)  # nosec B506: a safe loader
     except yaml.MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else None
         raise YamlError(f"not YAML: {error.problem or error.context}", line) from error
