@@ -18,6 +18,7 @@ import numpy as np
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, rotation_from_quaternion
+from gtsam_nav.readers._ros_archives import bound_chunks
 from gtsam_nav.readers._ros_definitions import DEFINITIONS
 
 if TYPE_CHECKING:
@@ -252,6 +253,7 @@ def open_bag(path: Path) -> Iterator[Bag]:
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+    bound_chunks()
     ours: dict[str, Any] = {}
     for name, text in DEFINITIONS.items():
         ours |= get_types_from_msg("\n".join(line.strip() for line in text.splitlines()), name)

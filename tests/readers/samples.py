@@ -190,12 +190,11 @@ def bzipped_carmen(place: Path) -> Path:
     return place / "log.clf.bz2"
 
 
-def packed_bag(place: Path) -> Path:
-    """A ROS 1 bag whose chunks are compressed."""
-    path = bag("ros1", 40)(place)
-    packed = path.with_name("packed.bag")
-    writer = Writer1(packed)
-    writer.set_compression(Writer1.CompressionFormat.BZ2)
+def packed(path: Path, compression: str) -> Path:
+    """A ROS 1 bag again, with compressed chunks."""
+    target = path.with_name(f"packed-{compression}.bag")
+    writer = Writer1(target)
+    writer.set_compression(Writer1.CompressionFormat[compression])
     with Reader1(path) as reader, writer:
         added = {
             c.id: writer.add_connection(c.topic, c.msgtype, msgdef=c.msgdef.data, md5sum=c.digest)
@@ -204,7 +203,11 @@ def packed_bag(place: Path) -> Path:
         for connection, stamp, raw in reader.messages():
             writer.write(added[connection.id], stamp, raw)
     path.unlink()
-    return packed
+    return target
+
+
+def packed_bag(place: Path) -> Path:
+    return packed(bag("ros1", 40)(place), "BZ2")
 
 
 def ply_and_pcd(place: Path) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bz2
 import gzip
 import shutil
 from collections.abc import Iterator
@@ -10,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from random import Random
 
+import lz4.frame
 import numpy as np
 import pytest
 import solutions
@@ -22,11 +24,13 @@ from hypothesis import strategies as st
 from missions import one_sensor_folder
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag1 import Writer as Writer1
-from samples import SUBJECTS, files_of, write_files
+from rosbags.rosbag2 import storage_mcap
+from samples import SUBJECTS, files_of, packed, write_files
 
 from gtsam_nav.config import Config, load_config
 from gtsam_nav.errors import ConfigError, DataError, GtsamNavError
-from gtsam_nav.readers import open_mission
+from gtsam_nav.readers import _ros_archives, open_mission
+from gtsam_nav.readers._ros_archives import bound_chunks
 from gtsam_nav.readers.clouds import read_cloud
 from gtsam_nav.writers.exports import export_run
 from gtsam_nav.writers.run_folder import read_run, write_run
@@ -149,6 +153,33 @@ def test_no_code_comes_from_the_names_in_a_bag(tmp_path: Path) -> None:
         with pytest.raises(DataError):
             open_mission(path)
     assert not marker.exists()
+
+
+@pytest.mark.parametrize("compression", ["BZ2", "LZ4"])
+def test_a_chunk_of_a_bag_that_unpacks_without_end_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compression: str
+) -> None:
+    m = Messages("ros1")
+    messages = [("/imu", "sensor_msgs/msg/Imu", 0.1 * k, m.imu(0.1 * k)) for k in range(90)]
+    path = packed(write_bag(tmp_path / "x", "ros1", messages), compression)
+    assert len(open_mission(path).sensors["imu"].series) == 90
+    monkeypatch.setattr(_ros_archives, "MAX_CHUNK_BYTES", 10_000)
+    with pytest.raises(DataError, match="a chunk unpacks to more than 10000 bytes"):
+        open_mission(path)
+
+
+@pytest.mark.parametrize("compression", ["LZ4", "ZSTD"])
+def test_nor_is_a_chunk_of_mcap(monkeypatch: pytest.MonkeyPatch, compression: str) -> None:
+    data = {"LZ4": lz4.frame.compress, "ZSTD": getattr(storage_mcap, "zstd", bz2).compress}
+    bomb = data[compression](bytes(1_000_000))
+    bound_chunks()
+    unpack = storage_mcap.DECOMPRESSORS[compression.lower()]
+    if compression == "ZSTD" and not hasattr(storage_mcap, "zstd"):
+        pytest.skip("this version of rosbags bounds zstd by the chunk's own size")
+    assert len(unpack(bomb, 1_000_000)) == 1_000_000
+    monkeypatch.setattr(_ros_archives, "MAX_CHUNK_BYTES", 10_000)
+    with pytest.raises(ValueError, match="more than 10000 bytes"):
+        unpack(bomb, 1_000_000)
 
 
 @pytest.mark.parametrize("text", ["seed: " + "9" * 5000, "[" * 1000, "a: " * 1000, "- " * 1000])
