@@ -7,18 +7,9 @@ from __future__ import annotations
 
 import bz2
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
 MAX_CHUNK_BYTES = 256 * 1024**2
-
-
-class _Unpacker(Protocol):
-    """What the standard library and lz4 call a decompressor."""
-
-    eof: bool
-
-    def decompress(self, data: bytes, max_length: int) -> bytes:
-        """At most so many bytes."""
 
 
 def bound_chunks() -> None:
@@ -37,8 +28,8 @@ def bound_chunks() -> None:
         mcap.DECOMPRESSORS["zstd"] = lambda data, _size: unpacked(zstd.ZstdDecompressor, data)
 
 
-def unpacked(make: Callable[[], _Unpacker], data: bytes) -> bytes:
-    """The contents of a compressed chunk.
+def unpacked(make: Callable[[], Any], data: bytes) -> bytes:
+    """The contents of a compressed chunk, by what makes a decompressor.
 
     Raises
     ------
@@ -46,7 +37,7 @@ def unpacked(make: Callable[[], _Unpacker], data: bytes) -> bytes:
         Where it is cut off, or larger than is plausible.
     """
     unpacker = make()
-    contents = unpacker.decompress(data, MAX_CHUNK_BYTES)
+    contents: bytes = unpacker.decompress(data, MAX_CHUNK_BYTES)
     if unpacker.eof:
         return contents
     if len(contents) >= MAX_CHUNK_BYTES:
