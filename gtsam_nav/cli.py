@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import shlex
+import signal
 import sys
 import time
 import traceback
@@ -16,8 +17,9 @@ from typing import TYPE_CHECKING, Annotated, cast
 import typer
 
 from gtsam_nav.cli_batch import batch
-from gtsam_nav.cli_options import ConfigOption, JsonOption, QuietOption, SetOption
-from gtsam_nav.errors import ConfigError, DataError, EstimationError, GtsamNavError, OutputError
+from gtsam_nav.cli_options import ConfigOption, FrameOption, JsonOption, QuietOption, SetOption
+from gtsam_nav.cli_rerun import rerun
+from gtsam_nav.errors import ConfigError, DataError, EstimationError, GtsamNavError
 from gtsam_nav.terminal import progress_bars, say, show, show_json
 
 if TYPE_CHECKING:
@@ -37,7 +39,8 @@ app = typer.Typer(
 )
 config_app = typer.Typer(no_args_is_help=True, help="The configuration.")
 app.add_typer(config_app, name="config")
-app.command()(batch)
+for command in (batch, rerun):
+    app.command()(command)
 
 MissionArgument = Annotated[Path, typer.Argument(metavar="MISSION", help="Mission folder or logs.")]
 OutOption = Annotated[
@@ -57,7 +60,6 @@ InjectOption = Annotated[
         help="Spoil what the methods see, as in gnss:outliers=0.3 or dvl:drop=300:420; repeatable.",
     ),
 ]
-FrameOption = Annotated[str, typer.Option(metavar="FRAME", help="Axes of files: ned or enu.")]
 
 
 @app.callback()
@@ -73,6 +75,8 @@ def settle_logging(
 
 def main() -> None:
     """Run the command line; errors become one line on stderr and an exit code."""
+    # a batch system's request to end unwinds like Ctrl-C, so that no draft stays behind
+    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     # --debug belongs to the program, wherever it was typed
     arguments = sorted(sys.argv[1:], key=lambda argument: argument != "--debug")
     debug = "--debug" in arguments
@@ -89,30 +93,6 @@ def main() -> None:
         summary = " ".join(f"{type(error).__name__}: {error}".split())
         say(f"internal error: {summary} (use --debug for the traceback)")
         sys.exit(1)
-
-
-def settle_output(folder: Path, *runs: Path) -> None:
-    """Make a folder and see that the results can be put there, before any work is done.
-
-    Raises
-    ------
-    OutputError
-        Where it cannot be written, or where one of the runs' places holds something else.
-    """
-    import tempfile
-
-    from gtsam_nav.writers.run_folder import RECORD
-
-    for place in runs:
-        if place.exists() and not (place / RECORD).is_file():
-            raise OutputError(f"{place}: is there and not a run's folder; choose another --out")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        reason = error.strerror or type(error).__name__
-        raise OutputError(f"{folder}: cannot write there: {reason}") from error
 
 
 @app.command()
@@ -175,7 +155,7 @@ def run(
     from gtsam_nav.evaluation.report import write_report
     from gtsam_nav.methods import check_method
     from gtsam_nav.simulation import parse_fault
-    from gtsam_nav.writers.run_folder import find_runs
+    from gtsam_nav.writers.run_folder import find_runs, settle_output
 
     resolved = load_config(config, overrides)
     names = list(dict.fromkeys(method))
@@ -371,6 +351,7 @@ def simulate(
     """Write a simulated mission as a mission folder."""
     from gtsam_nav.simulation import simulate as simulated
     from gtsam_nav.writers.mission_folder import write_mission
+    from gtsam_nav.writers.run_folder import settle_output
 
     settle_output(out.parent)
     mission = simulated(name, seed, duration)
@@ -390,6 +371,7 @@ def convert(
     from gtsam_nav.cards import with_mission
     from gtsam_nav.readers import open_mission
     from gtsam_nav.writers.mission_folder import write_mission
+    from gtsam_nav.writers.run_folder import settle_output
 
     settle_output(out.parent)
     with progress_bars(quiet) as progress:

@@ -126,6 +126,36 @@ class Relations:
 
 
 @dataclass(frozen=True)
+class Opening:
+    """How a mission was opened, so that it can be opened so again.
+
+    Attributes
+    ----------
+    path : Path
+        Absolute.
+    card : Path or None
+        What named its streams, where something did.
+    start_s, stop_s : float or None
+        What it was cropped to, start <= t < stop.
+    """
+
+    path: Path
+    card: Path | None = None
+    start_s: float | None = None
+    stop_s: float | None = None
+
+    def cropped(self, start_s: float, stop_s: float) -> Opening:
+        """The same, cropped further."""
+        start_s = start_s if self.start_s is None else max(start_s, self.start_s)
+        stop_s = stop_s if self.stop_s is None else min(stop_s, self.stop_s)
+        return replace(
+            self,
+            start_s=start_s if np.isfinite(start_s) else None,
+            stop_s=stop_s if np.isfinite(stop_s) else None,
+        )
+
+
+@dataclass(frozen=True)
 class Mission:
     """Everything that was measured on one outing.
 
@@ -152,6 +182,8 @@ class Mission:
         Degradations that the user must hear of.
     sources : tuple of Path
         Files that were read, for checksums.
+    opening : Opening or None
+        How it was opened; None of what does not come from disk.
     """
 
     name: str
@@ -166,6 +198,7 @@ class Mission:
     rejections: tuple[Rejection, ...] = ()
     warnings: tuple[str, ...] = ()
     sources: tuple[Path, ...] = ()
+    opening: Opening | None = None
 
     def of_type(self, sensor_type: str) -> list[Sensor]:
         """All sensors of a type that hold samples, in the mission's order."""
@@ -216,4 +249,5 @@ class Mission:
             for name, s in self.sensors.items()
         }
         initial = self.initial if start_s <= self.span_s[0] else InitialState()
-        return replace(self, sensors=cropped, initial=initial)
+        opening = self.opening and self.opening.cropped(start_s, stop_s)
+        return replace(self, sensors=cropped, initial=initial, opening=opening)

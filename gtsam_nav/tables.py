@@ -13,6 +13,7 @@ from gtsam_nav.batch.ranking import SCORES, Ranking
 from gtsam_nav.doctor import PackageState
 from gtsam_nav.evaluation.comparison import ComparisonRow
 from gtsam_nav.readers.contents import Contents
+from gtsam_nav.writers.run_comparison import SAME, Repetition
 
 
 def _table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str | Text]]) -> Table:
@@ -152,6 +153,15 @@ def ranking_table(ranking: Ranking) -> Table:
     ]
     score = "nothing to rank by" if ranking.score is None else SCORES[ranking.score]
     return _table(f"{score}, on {ranking.missions} missions", columns, rows)
+
+
+def repetition_table(name: str, repetition: Repetition) -> Table:
+    """The results of a run and how they differ in its repetition."""
+    rows = [
+        (file, Text(difference, "green" if difference == SAME else "bold yellow"))
+        for file, difference in repetition.files.items()
+    ]
+    return _table(f"Repetition of {name}", ("result", "again"), rows)
 
 
 def package_table(packages: Iterable[PackageState]) -> Table:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -24,8 +23,8 @@ from gtsam_nav.evaluation.page.columns import Document
 from gtsam_nav.evaluation.page.skeleton import embedded, policy, sonar_viewer, workbench
 from gtsam_nav.evaluation.weakness import LEAST_WEAK_M, WEAK
 from gtsam_nav.solution import Solution
-from gtsam_nav.writers.run_folder import RECORD
-from gtsam_nav.writers.run_record import RunRecord, read_record
+from gtsam_nav.writers.atomic import draft_folder
+from gtsam_nav.writers.run_record import RECORD, RunRecord, read_record
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -96,21 +95,25 @@ def write_report(
     folder = Path(out)
     config = config or Config()
     window_s = config.evaluation.window_s
-    report = _Report(
-        solutions=solutions,
-        config=config,
-        metrics={s.method: evaluate(s, window_s=window_s) for s in solutions},
-        whole={s.method: evaluate(s) for s in solutions} if window_s else {},
-        records=_records(solutions, folder),
-        document=page_document(solutions, window_s),
-        plots_folder=folder / "plots",
-    )
+    page, plots_folder = folder / "report.html", folder / "plots"
     try:
-        report.plots_folder.mkdir(parents=True, exist_ok=True)
-        _figures_beside(report)
-        page, draft = folder / "report.html", folder / ".report.html.draft"
-        draft.write_text(_page(report), encoding="utf-8", newline="\n")
-        os.replace(draft, page)  # noqa: PTH105
+        with draft_folder(page) as draft:
+            report = _Report(
+                solutions=solutions,
+                config=config,
+                metrics={s.method: evaluate(s, window_s=window_s) for s in solutions},
+                whole={s.method: evaluate(s) for s in solutions} if window_s else {},
+                records=_records(solutions, folder),
+                document=page_document(solutions, window_s),
+                plots_folder=draft,
+            )
+            _figures_beside(report)
+            written = draft / page.name
+            written.write_text(_page(report), encoding="utf-8", newline="\n")
+            plots_folder.mkdir(exist_ok=True)
+            for plot in draft.glob("*.png"):
+                plot.replace(plots_folder / plot.name)
+            written.replace(page)
     except OSError as error:
         raise OutputError(f"{folder}: cannot write the report: {error}") from error
     return page

@@ -8,12 +8,13 @@ YAML file with a section ``mission``, and lists its streams by ``describe(path, 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, cast, runtime_checkable
 
 from gtsam_nav.errors import ConfigError, DataError
-from gtsam_nav.mission import Mission
+from gtsam_nav.mission import Mission, Opening
 from gtsam_nav.solution import Progress, no_progress
 
 if TYPE_CHECKING:
@@ -96,13 +97,14 @@ def open_mission(
     """
     reader, place = _located(Path(path))
     if card is None:
-        return reader.read(place, progress)
+        return replace(reader.read(place, progress), opening=Opening(place.absolute()))
+    opening = Opening(place.absolute(), Path(card).absolute())
     if isinstance(reader, DescribingReader):
-        return reader.read(place, progress, Path(card))
+        return replace(reader.read(place, progress, Path(card)), opening=opening)
     if place.is_file():
         from gtsam_nav.readers._file_card import with_card
 
-        return with_card(reader.read(place, progress), Path(card))
+        return replace(with_card(reader.read(place, progress), Path(card)), opening=opening)
     takers = ", ".join(r.NAME for r in readers() if isinstance(r, DescribingReader))
     raise ConfigError(
         f"{card}: the section 'mission' is for a {takers} and for single files; {place} is a"

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from gtsam_nav.errors import ConfigError, DataError, OutputError
 from gtsam_nav.frames import Origin
+from gtsam_nav.writers.atomic import draft_folder
 from gtsam_nav.writers.frame import Frame
 from gtsam_nav.writers.geo import write_geojson, write_kml
 from gtsam_nav.writers.point_map import read_ply, write_ply
@@ -48,8 +49,10 @@ def export_run(folder: Path, formats: Sequence[str], frame: Frame = "ned") -> li
     run = read_run(folder)
     out = folder / "export"
     try:
-        out.mkdir(exist_ok=True)
-        return [FORMATS[name](run, out, frame) for name in formats]
+        with draft_folder(out) as draft:
+            written = [FORMATS[name](run, draft, frame) for name in dict.fromkeys(formats)]
+            out.mkdir(exist_ok=True)
+            return [path.replace(out / path.name) for path in written]
     except OSError as error:
         raise OutputError(f"{out}: cannot write the export: {error}") from error
 
