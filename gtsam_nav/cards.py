@@ -5,22 +5,20 @@ A card is YAML in ``datasets/``: inside the installed package, or beside it in a
 
 from __future__ import annotations
 
-from collections.abc import Hashable
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
-import yaml
 from pydantic import BaseModel, Field, FiniteFloat, ValidationError, model_validator
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, rotation_from_rpy
 from gtsam_nav.mission import Constraints
-from gtsam_nav.sensors.noise import NOISE_MODELS
+from gtsam_nav.sensors.noise import G_M_S2, NOISE_MODELS, figure_names
 from gtsam_nav.series import SERIES_TYPES
 from gtsam_nav.settings import Settings
+from gtsam_nav.yaml_files import YamlError, read_yaml_file
 
-MAX_YAML_BYTES = 1_000_000
 MISSION_SECTION = "mission"
 """What a file of settings may hold beside them: the card of a mission that has none inside."""
 
@@ -29,9 +27,6 @@ CARD_FOLDERS = (PACKAGE / "datasets", PACKAGE.parent / "datasets")
 
 Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 Model = TypeVar("Model", bound=BaseModel)
-
-# what PyYAML raises beside YAMLError on broken scalars and bottomless nesting
-_YAML_FAULTS = (ValueError, TypeError, AttributeError, LookupError, RecursionError, OverflowError)
 
 
 class Described(Settings):
@@ -74,6 +69,10 @@ class SensorCard(Described):
         ``estimate: true`` the graph finds what it is off by.
     noise : map
         Figures of the type's noise model.
+    gyro_unit, accel_unit : {"rad/s", "deg/s"}, {"m/s^2", "g"}
+        Of an IMU, what its samples come in.
+    drop_repeats : bool
+        Whether a sample that equals the one before is that one again, under a new stamp.
     """
 
     type: str
@@ -82,6 +81,9 @@ class SensorCard(Described):
     time_offset_s: FiniteFloat = 0.0
     time_offset: TimeOffset | None = None
     noise: dict[str, Any] = Field(default_factory=dict)
+    gyro_unit: Literal["rad/s", "deg/s"] = "rad/s"
+    accel_unit: Literal["m/s^2", "g"] = "m/s^2"
+    drop_repeats: bool = False
 
     @model_validator(mode="before")
     @classmethod
@@ -107,14 +109,33 @@ class SensorCard(Described):
         except ValidationError as error:
             first = error.errors()[0]
             key = ".".join(["noise", *(str(part) for part in first["loc"])])
-            choices = ", ".join(model.model_fields)
-            raise ValueError(f"{key}: {first['msg']}; the choices are: {choices}") from error
+            what = first["msg"].removeprefix("Value error, ")
+            if first["type"] == "extra_forbidden":
+                what = f"{what}; the choices are: {', '.join(figure_names(self.type))}"
+            raise ValueError(f"{key}: {what}") from error
+        return self
+
+    @model_validator(mode="after")
+    def _units_are_of_an_imu(self) -> SensorCard:
+        stated = [key for key in ("gyro_unit", "accel_unit") if key in self.model_fields_set]
+        if stated and self.type != "imu":
+            raise ValueError(f"{stated[0]} is of an imu; a {self.type} has columns to scale")
         return self
 
     @classmethod
     def types(cls) -> tuple[str, ...]:
         """Sensor types that may be named."""
         return tuple(SERIES_TYPES)
+
+    @property
+    def gyro_factor(self) -> float:
+        """What turns the file's rates into rad/s."""
+        return float(np.radians(1.0)) if self.gyro_unit == "deg/s" else 1.0
+
+    @property
+    def accel_factor(self) -> float:
+        """What turns the file's specific forces into m/s^2."""
+        return G_M_S2 if self.accel_unit == "g" else 1.0
 
     @property
     def time_offset_sigma_s(self) -> float:
@@ -214,14 +235,9 @@ def read_yaml(path: Path, model: type[Model], section: str | None = None) -> Mod
         Names the file, the key and the choices.
     """
     try:
-        if path.stat().st_size > MAX_YAML_BYTES:
-            raise DataError(f"larger than {MAX_YAML_BYTES} bytes; that is no description", path)
-        tree = yaml.load(path.read_text(encoding="utf-8-sig"), Loader=_UniqueKeyLoader)
-    except yaml.MarkedYAMLError as error:
-        line = error.problem_mark.line + 1 if error.problem_mark else None
-        raise DataError(f"not YAML: {error.problem or error.context}", path, line) from error
-    except (OSError, yaml.YAMLError, *_YAML_FAULTS) as error:
-        raise DataError(f"not readable as YAML: {error}", path) from error
+        tree = read_yaml_file(path)
+    except YamlError as error:
+        raise DataError(str(error), path, error.line) from error
     if section is not None:
         tree = tree.get(section) if isinstance(tree, dict) else None
     if not isinstance(tree, dict):
@@ -236,8 +252,8 @@ def read_yaml(path: Path, model: type[Model], section: str | None = None) -> Mod
 def with_mission(path: Path | None) -> Path | None:
     """The path again where it is a YAML file with a section ``mission``, a mission's card."""
     try:
-        tree = None if path is None else yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, yaml.YAMLError, *_YAML_FAULTS):
+        tree = None if path is None else read_yaml_file(path)
+    except YamlError:
         return None
     return path if isinstance(tree, dict) and MISSION_SECTION in tree else None
 
@@ -247,20 +263,3 @@ def _first_fault(error: ValidationError) -> str:
     key = ".".join(str(part) for part in first["loc"])
     what = first["msg"].removeprefix("Value error, ")
     return f"{key}: {what}" if key else what
-
-
-class _UniqueKeyLoader(yaml.SafeLoader):
-    """The safe loader, but a key that is given twice is an error: neither would get lost."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
-        seen: set[Any] = set()
-        for key_node, _ in node.value:
-            if key_node.tag == "tag:yaml.org,2002:merge":
-                continue
-            key = self.construct_object(key_node, deep=True)
-            if isinstance(key, Hashable) and key in seen:
-                raise yaml.constructor.ConstructorError(
-                    None, None, f"the key '{key}' is given twice", key_node.start_mark
-                )
-            seen.add(key)
-        return super().construct_mapping(node, deep=deep)

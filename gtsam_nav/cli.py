@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import shlex
+import signal
 import sys
 import time
 import traceback
@@ -25,7 +26,8 @@ from gtsam_nav.cli_options import (
     QuietOption,
     SetOption,
 )
-from gtsam_nav.errors import ConfigError, DataError, EstimationError, GtsamNavError, OutputError
+from gtsam_nav.cli_rerun import rerun
+from gtsam_nav.errors import ConfigError, DataError, EstimationError, GtsamNavError
 from gtsam_nav.terminal import progress_bars, say, show, show_json
 
 if TYPE_CHECKING:
@@ -44,7 +46,7 @@ app = typer.Typer(
 )
 config_app = typer.Typer(no_args_is_help=True, help="The configuration.")
 app.add_typer(config_app, name="config")
-for command in (batch, export):
+for command in (batch, export, rerun):
     app.command()(command)
 
 MissionArgument = Annotated[Path, typer.Argument(metavar="MISSION", help="Mission folder or logs.")]
@@ -80,6 +82,8 @@ def settle_logging(
 
 def main() -> None:
     """Run the command line; errors become one line on stderr and an exit code."""
+    # a batch system's request to end unwinds like Ctrl-C, so that no draft stays behind
+    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     # --debug belongs to the program, wherever it was typed
     arguments = sorted(sys.argv[1:], key=lambda argument: argument != "--debug")
     debug = "--debug" in arguments
@@ -96,30 +100,6 @@ def main() -> None:
         summary = " ".join(f"{type(error).__name__}: {error}".split())
         say(f"internal error: {summary} (use --debug for the traceback)")
         sys.exit(1)
-
-
-def settle_output(folder: Path, *runs: Path) -> None:
-    """Make a folder and see that the results can be put there, before any work is done.
-
-    Raises
-    ------
-    OutputError
-        Where it cannot be written, or where one of the runs' places holds something else.
-    """
-    import tempfile
-
-    from gtsam_nav.writers.run_folder import RECORD
-
-    for place in runs:
-        if place.exists() and not (place / RECORD).is_file():
-            raise OutputError(f"{place}: is there and not a run's folder; choose another --out")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        reason = error.strerror or type(error).__name__
-        raise OutputError(f"{folder}: cannot write there: {reason}") from error
 
 
 @app.command()
@@ -184,7 +164,7 @@ def run(
     from gtsam_nav.evaluation.report import write_report
     from gtsam_nav.methods import check_method
     from gtsam_nav.simulation import parse_fault
-    from gtsam_nav.writers.run_folder import find_runs
+    from gtsam_nav.writers.run_folder import find_runs, settle_output
 
     resolved = load_config(config, overrides)
     names = list(dict.fromkeys(method))
@@ -281,16 +261,16 @@ def show_runs(folders: Mapping[str, Path], as_json: bool = False) -> None:
     if as_json:
         show_json([asdict(row) for row in rows])
     else:
-        from gtsam_nav.tables import comparison_table
+        from gtsam_nav.tables import comparison_tables
 
-        show(comparison_table(rows))
+        show(*comparison_tables(rows))
     concerned: dict[str, list[str]] = {}
     for row in rows:
         for fault in runs[row.name].record.faults:
             concerned.setdefault(f"injected {fault}", []).append(row.name)
         for warning in runs[row.name].record.warnings:
             concerned.setdefault(warning, []).append(row.name)
-        if row.coverage is None:
+        if row.coverage is None and row.relations is None:
             concerned.setdefault("no score: nothing to score on", []).append(row.name)
         elif row.failed:
             failed = f"failed: covers only {row.coverage:.1%} of the reference"
@@ -381,6 +361,7 @@ def simulate(
     """Write a simulated mission as a mission folder."""
     from gtsam_nav.simulation import simulate as simulated
     from gtsam_nav.writers.mission_folder import check_free, write_mission
+    from gtsam_nav.writers.run_folder import settle_output
 
     check_free(out, force)
     settle_output(out.parent)
@@ -402,6 +383,7 @@ def convert(
     from gtsam_nav.config import checked_card
     from gtsam_nav.readers import open_mission
     from gtsam_nav.writers.mission_folder import check_free, write_mission
+    from gtsam_nav.writers.run_folder import settle_output
 
     card = checked_card(config)
     check_free(out, force)

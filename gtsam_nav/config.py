@@ -22,10 +22,11 @@ from gtsam_nav.graph.settings import GraphSettings
 from gtsam_nav.odometry.settings import KissSettings
 from gtsam_nav.preprocess.gnss_policy import GnssSettings
 from gtsam_nav.preprocess.settings import MotionSettings
-from gtsam_nav.registration.settings import Open3dSettings, PicSettings
+from gtsam_nav.registration.settings import CorrelativeSettings, Open3dSettings, PicSettings
 from gtsam_nav.sensors.settings import LandmarkSettings
 from gtsam_nav.settings import Settings
 from gtsam_nav.sonar.settings import SonarSettings
+from gtsam_nav.yaml_files import YamlError, parse_yaml, read_yaml_file
 
 
 class Config(Settings):
@@ -41,6 +42,7 @@ class Config(Settings):
     pose_ekf: PoseEkfSettings = PoseEkfSettings()
     sonar: SonarSettings = SonarSettings()
     pic: PicSettings = PicSettings()
+    correlative: CorrelativeSettings = CorrelativeSettings()
     open3d: Open3dSettings = Open3dSettings()
     kiss: KissSettings = KissSettings()
     graph: GraphSettings = GraphSettings()
@@ -70,9 +72,10 @@ def load_config(path: Path | str | None = None, overrides: Sequence[str] = ()) -
     path = None if path is None else Path(path)
     if path is not None:
         try:
-            loaded = yaml.safe_load(path.read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-            raise ConfigError(f"{path}: cannot read the configuration: {error}") from error
+            loaded = read_yaml_file(path)
+        except YamlError as error:
+            where = path if error.line is None else f"{path}:{error.line}"
+            raise ConfigError(f"{where}: cannot read the configuration: {error}") from error
         if not isinstance(loaded, dict | None):
             raise ConfigError(f"{path}: the configuration must be a map of sections")
         # a mission's card may stand beside the settings; the readers' business
@@ -117,8 +120,8 @@ def _apply_override(tree: dict[str, Any], override: str) -> None:
     if not equals or not key.strip():
         raise ConfigError(f"'{override}' is not of the form key=value, as in gnss.use=none")
     try:
-        value = yaml.safe_load(text)
-    except yaml.YAMLError as error:
+        value = parse_yaml(text)
+    except YamlError as error:
         raise ConfigError(f"'{override}': the value is not YAML") from error
     *sections, last = key.strip().split(".")
     for section in sections:

@@ -140,6 +140,7 @@ def estimate(
     check_method(method)
     config = config or Config()
     blind, reference, n_withheld = split_fixes(mission, config.gnss)
+    blind = replace(blind, relations=None)
     if faults:
         from gtsam_nav.simulation import inject
 
@@ -156,4 +157,6 @@ def estimate(
     except (RuntimeError, ArithmeticError, LinAlgError) as error:
         what = " ".join(str(error).split())[:300]
         raise EstimationError(f"{method} could not solve '{mission.name}': {what}") from error
-    return replace(solution, reference=reference, gnss_withheld=n_withheld)
+    return replace(
+        solution, reference=reference, relations=mission.relations, gnss_withheld=n_withheld
+    )

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import Mission, Rejection, Sensor, SonarKind
+from gtsam_nav.mission import Mission, Rejection, Relations, Sensor, SonarKind
 from gtsam_nav.series import IntArray
 from gtsam_nav.trajectory import Trajectory
 
@@ -122,11 +122,16 @@ class ClockOffset:
 
 @dataclass(frozen=True)
 class Innovations:
-    """Normalised innovation squared of one sensor's updates."""
+    """Normalised innovation squared of one sensor's updates.
+
+    ``whitened``, shape (n, dof), holds the innovations themselves in units of their standard
+    deviations, uncorrelated; None where a method keeps none.
+    """
 
     t: Array
     nis: Array
     dof: int
+    whitened: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -240,6 +245,8 @@ class Solution:
     reference : Sensor or None
         What the solution may be scored on: the mission's reference, or the fixes that the GNSS
         policy withheld.
+    relations : Relations or None
+        The mission's own, to be scored on too.
     rejections : tuple of Rejection
         Every measurement that was not used, the reader's included.
     robust_weights : mapping of str to RobustWeights
@@ -258,6 +265,7 @@ class Solution:
     georeferenced: bool = True
     online: Trajectory | None = None
     reference: Sensor | None = None
+    relations: Relations | None = None
     loops: tuple[LoopClosure, ...] = ()
     rejections: tuple[Rejection, ...] = ()
     warnings: tuple[str, ...] = ()

@@ -175,11 +175,11 @@ def test_dropped_samples_are_counted_by_reason(mission: Mission) -> None:
     ("column", "scale", "check", "words"),
     [
         ("gyro_i", 180 / np.pi, "gyro unit", "in deg/s"),
-        ("gyro_i", -1.0, "gyro unit", "sign of body z"),
+        ("gyro_i", -1.0, "gyro sign", "sign of body z"),
         ("accel_i", 1 / GRAVITY_M_S2, "accelerometer unit", "in g"),
         ("accel_i", 1000 / GRAVITY_M_S2, "accelerometer unit", "in mg"),
         ("accel_i", 0.2, "accelerometer unit", "no known unit"),
-        ("accel_i", -1.0, "gravity sign", "z is up"),
+        ("accel_i", -1.0, "gravity sign", "gravity is counted as a force"),
     ],
 )
 def test_imu_in_the_wrong_unit_or_sign(
@@ -222,7 +222,8 @@ def test_drift_angle_is_taken_out(mission: Mission) -> None:
     sideways = altered(mission, "heading", lambda h: wrap_angle(h - np.pi / 2), "heading")
     sideways = altered(sideways, "dvl", lambda v: v[:, [1, 0, 2]], "v_d")
     assert abs(audit(sideways).headings[0].median_deg) < 2.0
-    assert audit(sideways.without("dvl")).headings[0].median_deg == pytest.approx(-90.0, abs=2.0)
+    assert audit(sideways).headings[0].convention.is_stated
+    assert audit(sideways.without("dvl")).headings[0].convention.turn_deg == 90.0
 
 
 def test_lever_arm_of_the_antenna_is_taken_out(mission: Mission) -> None:
@@ -320,10 +321,26 @@ def test_sensors_without_samples_do_not_stop_the_audit(mission: Mission) -> None
     assert found.methods == ()
 
 
+@pytest.mark.parametrize("n", [1, 30])
+def test_thin_sensors_do_not_stop_the_audit(mission: Mission, n: int) -> None:
+    for sensor in mission.sensors.values():
+        thin = replace(sensor, series=sensor.series.select(slice(600, 600 + n)))
+        audit(mission.with_sensor(thin))
+
+
+def test_an_absurd_way_does_not_stop_the_audit(mission: Mission) -> None:
+    assert audit(altered(mission, "dvl", lambda v: v * 1e6, "v_d")).methods
+
+
 def test_json_document_is_plain(mission: Mission) -> None:
     document = json.loads(json.dumps(audit(mission).to_json(), allow_nan=False))
     assert document["sensors"][0]["name"] == "imu"
     assert document["headings"][0]["velocity"] == "dvl"
+    assert document["headings"][0]["convention"]["name"] == "clockwise from north"
+    spoilt = altered(mission, "imu", lambda a: a / GRAVITY_M_S2, "accel_i")
+    fixes = {f["check"]: f["fix"] for f in audit(spoilt).to_json()["findings"]}
+    assert fixes["accelerometer unit"] == "accel_unit: g"
+    assert fixes["gyro unit"] == ""
 
 
 def test_a_dvl_without_a_valid_sample_measures_no_velocity(mission: Mission) -> None:
@@ -354,3 +371,4 @@ def test_alerts_leave_gaps_to_the_timeline(mission: Mission) -> None:
     assert finding(found, "gaps").severity == "warning"
     assert len(found.alerts) == 1
     assert found.alerts[0].startswith("imu: gyro unit:")
+    assert found.alerts[0].endswith("in the card: gyro_unit: deg/s")

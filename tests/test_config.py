@@ -126,7 +126,7 @@ def test_bad_files_are_named(tmp_path: Path, text: str | bytes, complaint: str) 
     path = written(tmp_path, text)
     with pytest.raises(ConfigError, match=complaint) as caught:
         load_config(path)
-    assert str(caught.value).startswith(f"{path}: ")
+    assert str(caught.value).startswith(f"{path}:")
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:

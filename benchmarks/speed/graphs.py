@@ -19,10 +19,11 @@ import numpy as np
 
 import gtsam_nav as gn
 from gtsam_nav.config import Config
-from gtsam_nav.graph import backend, estimator
+from gtsam_nav.graph import backend
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.measurements import build_problem
 from gtsam_nav.graph.online import run_online
+from gtsam_nav.graph.outset import mission_keyframes, start_and_motion
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.settling import settle
 from gtsam_nav.mission import Mission
@@ -82,8 +83,8 @@ def _compare(mission: Mission, repeats: int) -> dict[str, Any]:
 
 def _problem(mission: Mission, config: Config) -> tuple[Problem, float]:
     """The factors of a mission, and how long they took once its motion was known."""
-    start, motion = estimator._start_and_motion(mission, config)
-    t = estimator._keyframe_times(mission, motion.trajectory.t[:0], config)
+    start, motion = start_and_motion(mission, config)
+    t = mission_keyframes(mission, np.empty(0), np.empty(0), config)
     begin = time.process_time()
     problem = build_problem(mission, start, motion, t, config)
     return problem, time.process_time() - begin
@@ -99,7 +100,7 @@ def _record(mission: Mission, config: Config) -> Recorder:
 
     backend._isam2 = recording
     try:
-        run_online(_problem(mission, config)[0], [], NO_SCANS, config, no_progress)
+        run_online(_problem(mission, config)[0], None, NO_SCANS, config, no_progress)
     finally:
         backend._isam2 = plain
     return recorders[0]
@@ -108,13 +109,13 @@ def _record(mission: Mission, config: Config) -> Recorder:
 def _once(mission: Mission, config: Config, recorder: Recorder) -> dict[str, float]:
     problem, building_s = _problem(mission, config)
     marks = [time.process_time()]
-    online = run_online(problem, [], NO_SCANS, config, no_progress)
+    online = run_online(problem, None, NO_SCANS, config, no_progress)
     marks.append(time.process_time())
     _replay(recorder, problem, config.graph.keyframes_per_update)
     marks.append(time.process_time())
-    graph, values = online.backend.graph(), online.backend.values()
+    graph, values = backend.graph_of(problem.entries), online.values
     marks.append(time.process_time())
-    settled = settle(problem, graph, values)
+    settled = settle(problem, problem.entries, values)
     marks.append(time.process_time())
     graph.push_back(settled.factors)
     gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()

@@ -6,19 +6,18 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from gtsam_nav.audit.comparisons import Comparisons, compare, comparison_findings
+from gtsam_nav.audit.courses import BOW
 from gtsam_nav.audit.findings import Finding
-from gtsam_nav.audit.heading import (
-    HeadingAgainstCourse,
-    heading_against_course,
-    heading_findings,
-)
-from gtsam_nav.audit.inertial import inertial_findings
-from gtsam_nav.audit.motion import DvlLock, dvl_lock, initial_rest_s, lock_findings, velocity_sensor
+from gtsam_nav.audit.heading import HeadingAgainstCourse
+from gtsam_nav.audit.motion import DvlLock, dvl_lock, initial_rest_s, lock_findings
 from gtsam_nav.audit.place import place_findings
+from gtsam_nav.audit.repeats import repeat_findings
 from gtsam_nav.audit.sonar import SonarHead, sonar_findings, sonar_head
+from gtsam_nav.audit.sonar_map import map_findings, map_likeness, sweeps_of
 from gtsam_nav.audit.timing import TIMING_CHECKS, SensorTiming, sensor_timing, timing_findings
 from gtsam_nav.methods import runnable_methods
-from gtsam_nav.mission import Mission
+from gtsam_nav.mission import Mission, Sensor
 
 
 @dataclass(frozen=True)
@@ -65,7 +64,7 @@ class Audit:
     def alerts(self) -> tuple[str, ...]:
         """What is odd about the samples, a line each; gaps and drops are told elsewhere."""
         return tuple(
-            f"{finding.sensor}: {finding.check}: {finding.message}"
+            f"{finding.sensor}: {finding.check}: {finding.text}"
             for finding in self.findings
             if finding.severity == "warning" and finding.check not in TIMING_CHECKS
         )
@@ -87,27 +86,26 @@ def audit(mission: Mission) -> Audit:
     Audit
         Never raises for what the data hold: oddities are findings.
     """
-    compass = mission.first("heading")
     timings = tuple(sensor_timing(mission, s) for s in mission.sensors.values())
-    courses = [heading_against_course(mission, s) for s in mission.of_type("heading")]
-    headings = tuple(course for course in courses if course is not None)
     dvls = tuple(dvl_lock(s) for s in mission.of_type("dvl"))
-    velocity = velocity_sensor(mission)
-    heads = {s.name: sonar_head(s, compass, velocity) for s in mission.of_type("beams")}
+    sonars = mission.of_type("beams")
+    heads = {s.name: sonar_head(s) for s in sonars}
+    compared = compare(mission)
 
     def findings() -> Iterator[Finding]:
         for timing in timings:
             yield from timing_findings(timing)
-        for imu in mission.of_type("imu"):
-            yield from inertial_findings(imu, compass)
+        for sensor in mission.sensors.values():
+            if sensor.type != "reference":
+                yield from repeat_findings(sensor)
         for gnss in mission.of_type("gnss"):
             yield from place_findings(mission, gnss)
-        for heading in headings:
-            yield from heading_findings(heading)
         for lock in dvls:
             yield from lock_findings(lock)
-        for name, head in heads.items():
-            yield from sonar_findings(name, head)
+        yield from comparison_findings(mission, compared)
+        for sonar in sonars:
+            yield from sonar_findings(sonar.name, heads[sonar.name])
+            yield from _map_findings(sonar, heads[sonar.name], compared)
 
     return Audit(
         mission=mission.name,
@@ -115,7 +113,7 @@ def audit(mission: Mission) -> Audit:
         span_s=mission.span_s,
         georeferenced=mission.origin is not None,
         sensors=timings,
-        headings=headings,
+        headings=() if compared.course is None else (compared.course,),
         dvls=dvls,
         sonars=tuple(head for head in heads.values() if head is not None),
         rest_s=initial_rest_s(mission),
@@ -123,6 +121,22 @@ def audit(mission: Mission) -> Audit:
         findings=tuple(findings()),
         warnings=mission.warnings,
     )
+
+
+def _map_findings(
+    sonar: Sensor, head: SonarHead | None, compared: Comparisons
+) -> Iterator[Finding]:
+    """The map's own consistency, where nothing else is wrong with what it is drawn by."""
+    compass = compared.compass
+    if head is None or compass is None or compared.suspects_motion:
+        return
+    velocity = compared.sources[0] if compared.sources[0].name != BOW else None
+    sweeps = sweeps_of(sonar, compass, velocity, head.beams_per_sweep)
+    if sweeps is not None:
+        like = map_likeness(sweeps, knows_way=velocity is not None)
+        # without fixes the way has no other witness
+        suspected = [velocity.name] if velocity is not None and compared.ways is None else []
+        yield from map_findings(sonar, like, suspected)
 
 
 def with_alerts(mission: Mission) -> Mission:

@@ -1,34 +1,88 @@
-"""The compass against the course that GNSS saw."""
+"""The compass against the course that GNSS saw: convention, reversal, offset."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from gtsam_nav.audit import fixes
+from gtsam_nav.audit.courses import BOW, Baselines, Velocity
 from gtsam_nav.audit.findings import Finding
-from gtsam_nav.audit.motion import dead_reckoned_way, turned, velocity_sensor
+from gtsam_nav.audit.significance import FALSE_ALARM, best, limit, losses
 from gtsam_nav.frames import Array, wrap_angle
-from gtsam_nav.mission import Mission, Sensor
-from gtsam_nav.series import GnssSeries, HeadingSeries
 
-BASELINE_M = 15.0
-"""Shortest distance between two fixes that is taken for a course ..."""
-BASELINE_SIGMAS = 12.0
-"""... and in standard deviations of a fix."""
-LONGEST_BASELINE_S = 180.0
-FEWEST_BASELINES = 5
+
+@dataclass(frozen=True)
+class Convention:
+    """How headings may be meant: what is done to them, and the card's lines that do it."""
+
+    name: str
+    sign: float
+    turn_deg: float
+
+    def applied(self, heading: Array) -> Array:
+        """The headings that are meant, rad."""
+        return np.asarray(self.sign * heading + np.radians(self.turn_deg))
+
+    @property
+    def is_stated(self) -> bool:
+        """Whether the headings are what they are taken for."""
+        return self.sign > 0 and self.turn_deg == 0.0
+
+    @property
+    def fix(self) -> str:
+        """What mends it in the compass's card."""
+        lines = [fixes.scale("heading_deg", -1)] if self.sign < 0 else []
+        lines += [fixes.heading_turned_by(self.turn_deg)] if self.turn_deg else []
+        return ", ".join(lines)
+
+    @property
+    def fix_of_fixes(self) -> str:
+        """What mends it in the receiver's card, where it is the fixes that are mirrored."""
+        if self.turn_deg == 90.0:
+            return fixes.columns({"n": "e", "e": "n"})
+        if self.turn_deg == -90.0:
+            return fixes.columns({"n": "e", "e": "n"}) + ", " + fixes.scale("n e", -1)
+        if self.turn_deg == 0.0:
+            return f"{fixes.scale('e', -1)} (lon_deg where it has degrees)"
+        return f"{fixes.scale('n', -1)} (lat_deg where it has degrees)"
+
+
+CONVENTIONS = (
+    Convention("clockwise from north", 1.0, 0.0),
+    Convention("reversed: 180 deg off", 1.0, 180.0),
+    Convention("90 deg off", 1.0, 90.0),
+    Convention("90 deg off", 1.0, -90.0),
+    Convention("counter-clockwise from east", -1.0, 90.0),
+    Convention("counter-clockwise from north", -1.0, 0.0),
+    Convention("counter-clockwise from west", -1.0, -90.0),
+    Convention("counter-clockwise from south", -1.0, 180.0),
+)
+"""The stated one first."""
 
 
 @dataclass(frozen=True)
 class HeadingAgainstCourse:
     """Direction of the travelled way by compass less that by GNSS.
 
-    ``median_deg`` and ``spread_deg`` (1.48 times the median absolute deviation) are over the
-    baselines; ``mirrored_spread_deg`` is what the spread would be for a heading that counts
-    counter-clockwise. ``velocity`` names the sensor whose drift angle was taken into account, None
-    where the vehicle was taken to move along its bow.
+    Attributes
+    ----------
+    heading, gnss : str
+    velocity : str or None
+        The sensor whose drift angle was taken into account; None where the vehicle was taken to
+        move along its bow.
+    n_baselines : int
+    baseline_m : float
+    median_deg, spread_deg : float
+        Over the baselines; the spread is 1.48 times the median absolute deviation.
+    sigma_deg : float
+        Of the median.
+    convention : Convention
+        The one of `CONVENTIONS` that the baselines call for.
+    follows : bool
+        Whether the headings have to do with the course at all, in that convention.
     """
 
     heading: str
@@ -38,105 +92,102 @@ class HeadingAgainstCourse:
     baseline_m: float
     median_deg: float
     spread_deg: float
-    mirrored_spread_deg: float
+    sigma_deg: float
+    convention: Convention
+    follows: bool
 
 
-def heading_against_course(mission: Mission, heading: Sensor) -> HeadingAgainstCourse | None:
-    """Compare a compass with the course over ground.
-
-    Only pairs of fixes much further apart than their noise count, so that the course is known to a
-    few degrees.
+def heading_against_course(
+    name: str, ways: Baselines, velocity: Velocity
+) -> HeadingAgainstCourse | None:
+    """Compare a compass, with what turns headings into a way, with the course over ground.
 
     Returns
     -------
     HeadingAgainstCourse or None
-        None without GNSS or with too few baselines.
+        None where the velocities cover too few baselines.
     """
-    gnss = mission.first("gnss")
-    if gnss is None:
+    covered = ways.covered(velocity)
+    n = int(np.sum(covered))
+    if n < 2:
         return None
-    series = heading.series
-    assert isinstance(series, HeadingSeries)
-    compass = np.unwrap(series.heading)
-    fixes = gnss.series.crop(series.t[0], series.t[-1])
-    assert isinstance(fixes, GnssSeries)
-    if len(fixes) < 2:
-        return None
-    baseline_m = max(BASELINE_M, BASELINE_SIGMAS * float(np.median(fixes.sigma[:, :2])))
-    pairs = _baselines(fixes, baseline_m)
-    if len(pairs) < FEWEST_BASELINES:
-        return None
-    velocity = velocity_sensor(mission)
-    errors = [
-        _direction_errors(fixes, gnss.xyz_b, series.t, sign * compass, velocity, pairs)
-        for sign in (1.0, -1.0)
-    ]
-    median, spread = _circular_median_and_spread(errors[0])
+    compass = np.unwrap(ways.compass.heading)
+    errors = np.array(
+        [ways.direction_errors(c.applied(compass), velocity)[covered] for c in CONVENTIONS]
+    )
+    convention = best(losses(errors))
+    median, spread = circular_median_and_spread(errors[convention])
+    together = float(np.abs(np.mean(np.exp(1j * errors[convention]))))
     return HeadingAgainstCourse(
-        heading=heading.name,
-        gnss=gnss.name,
-        velocity=None if velocity is None else velocity.name,
-        n_baselines=len(pairs),
-        baseline_m=baseline_m,
+        heading=name,
+        gnss=ways.gnss.name,
+        velocity=None if velocity.name == BOW else velocity.name,
+        n_baselines=n,
+        baseline_m=ways.length_m,
         median_deg=float(np.degrees(median)),
         spread_deg=float(np.degrees(spread)),
-        mirrored_spread_deg=float(np.degrees(_circular_median_and_spread(errors[1])[1])),
+        sigma_deg=float(np.degrees(1.2533 * spread / np.sqrt(n))),
+        convention=CONVENTIONS[convention],
+        # Rayleigh's test of directions that are spread over the whole circle
+        follows=bool(n * together**2 > -np.log(FALSE_ALARM) or n <= -np.log(FALSE_ALARM)),
     )
 
 
-def heading_findings(result: HeadingAgainstCourse) -> Iterator[Finding]:
-    """Judge the comparison."""
+def offset_limit_deg(course: HeadingAgainstCourse, stated_deg: float) -> float:
+    """The largest median that noise and errors of the stated spread explain, deg."""
+    return limit(course.sigma_deg, course.n_baselines - 1, stated_deg)
+
+
+def heading_findings(
+    course: HeadingAgainstCourse, stated_deg: float, blamed: Sequence[str]
+) -> Iterator[Finding]:
+    """Judge the comparison.
+
+    Parameters
+    ----------
+    course : HeadingAgainstCourse
+    stated_deg : float
+        Spread of the offset that the cards allow.
+    blamed : sequence of str
+        Who else than the compass a contradiction may be due to; empty where it is the compass.
+    """
+    convention = course.convention
     read = (
-        f"compass less {result.gnss} course: median {result.median_deg:+.1f} deg, "
-        f"spread {result.spread_deg:.1f} deg over {result.n_baselines} baselines "
-        f"of {result.baseline_m:.0f} m"
+        f"compass less {course.gnss} course: median {course.median_deg:+.1f} deg, "
+        f"spread {course.spread_deg:.1f} deg over {course.n_baselines} baselines "
+        f"of {course.baseline_m:.0f} m"
     )
-    if result.spread_deg > 30.0 and result.mirrored_spread_deg < 0.5 * result.spread_deg:
-        message = f"{read}; the heading seems to count counter-clockwise"
-    elif result.spread_deg > 30.0:
-        message = f"{read}; the heading does not follow the course"
-    elif abs(result.median_deg) > 10.0:
-        message = f"{read}; look at mounting, declination and the sign of the velocity"
+
+    def warning(message: str, fix: str) -> Finding:
+        return Finding("heading against course", course.heading, "warning", message, fix)
+
+    or_else = "".join(f", or {name} is wrong" for name in blamed)
+    limit_deg = offset_limit_deg(course, stated_deg)
+    if not course.follows:
+        yield warning(f"{read}; the heading does not follow the course", "")
+    elif not convention.is_stated:
+        message = f"{read}, if the headings count {convention.name}, which they seem to{or_else}"
+        yield warning(message, convention.fix)
+    elif abs(course.median_deg) > limit_deg:
+        message = f"{read}; noise and the stated biases explain {limit_deg:.1f} deg{or_else}"
+        fix = f"noise: {{declination_deg: {-course.median_deg:+.1f}}} (added to what it has)"
+        yield warning(message, fix)
     else:
-        yield Finding("heading against course", result.heading, "ok", read)
-        return
-    yield Finding("heading against course", result.heading, "warning", message)
+        yield Finding("heading against course", course.heading, "ok", read)
 
 
-def _baselines(fixes: GnssSeries, baseline_m: float) -> list[tuple[int, int]]:
-    """Pairs of fixes, one after the other, that are far enough apart."""
-    pairs, first = [], 0
-    for k in range(1, len(fixes)):
-        if fixes.t[k] - fixes.t[first] > LONGEST_BASELINE_S:
-            first += int(np.searchsorted(fixes.t[first:], fixes.t[k] - LONGEST_BASELINE_S))
-        if np.hypot(*(fixes.p_n[k, :2] - fixes.p_n[first, :2])) >= baseline_m:
-            pairs.append((first, k))
-            first = k
-    return pairs
-
-
-def _direction_errors(
-    fixes: GnssSeries,
-    lever_b: Array,
-    t: Array,
-    heading: Array,
-    velocity: Sensor | None,
-    pairs: list[tuple[int, int]],
-) -> Array:
-    """Dead-reckoned less observed direction of each baseline, rad."""
-    way_n = dead_reckoned_way(t, heading, velocity)
-    first, last = np.array(pairs).T
-    heading_at_fix = np.interp(fixes.t, t, heading)
-    body_n = fixes.p_n[:, :2] - turned(lever_b[None, :2], heading_at_fix)
-    seen = body_n[last] - body_n[first]
-    way_at_fix = np.stack([np.interp(fixes.t, t, axis) for axis in way_n.T], axis=1)
-    reckoned = way_at_fix[last] - way_at_fix[first]
-    return wrap_angle(
-        np.arctan2(reckoned[:, 1], reckoned[:, 0]) - np.arctan2(seen[:, 1], seen[:, 0])
+def mirrored_fixes(course: HeadingAgainstCourse) -> Finding:
+    """Where compass and gyro agree, and the fixes draw the way's reflection."""
+    convention = course.convention
+    message = (
+        f"the way by fixes is the reflection of that by {course.heading}, as over "
+        f"{course.n_baselines} baselines of {course.baseline_m:.0f} m: "
+        f"{'north and east are exchanged' if abs(convention.turn_deg) == 90 else 'a sign is wrong'}"
     )
+    return Finding("fixes mirrored", course.gnss, "warning", message, convention.fix_of_fixes)
 
 
-def _circular_median_and_spread(angles: Array) -> tuple[float, float]:
+def circular_median_and_spread(angles: Array) -> tuple[float, float]:
     """The sample that is nearest to all others along the circle, and 1.48 MAD about it."""
     distance = np.abs(wrap_angle(angles[:, None] - angles[None, :]))
     median = float(angles[int(np.argmin(np.sum(distance, axis=1)))])

@@ -6,36 +6,48 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from gtsam_nav.audit import fixes
 from gtsam_nav.audit.findings import Finding
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Sensor
-from gtsam_nav.series import HeadingSeries, ImuSeries
+from gtsam_nav.series import ImuSeries
 
 GRAVITY_M_S2 = 9.81
 ACCEL_UNITS = (("g", 1.0), ("m/s^2", GRAVITY_M_S2), ("cm/s^2", 981.0), ("mg", 1000.0))
 """What the length of the specific force reads at rest in the units that logs come in."""
 
+STANDARD_GRAVITY = 9.80665
+UPRIGHT = 0.9
+"""Share of gravity that lies along an axis that counts as vertical."""
+
 FASTEST_TURN_RAD_S = 6.0
 """No vehicle this package is for turns faster."""
 
 
-def inertial_findings(imu: Sensor, heading: Sensor | None) -> Iterator[Finding]:
+def inertial_findings(imu: Sensor, opposed: bool | None) -> Iterator[Finding]:
     """Check units and signs of an IMU.
 
     Parameters
     ----------
     imu : Sensor
         Of type imu.
-    heading : Sensor, optional
-        Its turns say in which unit and sign the gyroscope reads.
+    opposed : bool or None
+        Whether its gyro turns the other way than other sensors say; None where nothing else turns,
+        and then its unit is judged by what vehicles do.
     """
     series = imu.series
     assert isinstance(series, ImuSeries)
     yield _accelerometer_unit(imu.name, series.accel_i)
-    yield _gravity_direction(imu.name, series.accel_i @ imu.R_bs.T)
-    yaw_rate = series.gyro_i @ imu.R_bs[2]
-    turns = None if heading is None else _turn_ratio(series.t, yaw_rate, heading)
-    yield _gyro_range(imu.name, series.gyro_i) if turns is None else _gyro_turns(imu.name, turns)
+    yield _gravity_direction(imu, series.accel_i @ imu.R_bs.T, opposed)
+    if opposed is None:
+        yield _gyro_range(imu.name, series.gyro_i)
+
+
+def z_is_up(imu: Sensor) -> bool:
+    """Whether gravity pulls along the body's -z."""
+    series = imu.series
+    assert isinstance(series, ImuSeries)
+    return bool(_down_share(series.accel_i @ imu.R_bs.T)[2] > UPRIGHT)
 
 
 def _accelerometer_unit(name: str, accel_i: Array) -> Finding:
@@ -44,65 +56,58 @@ def _accelerometer_unit(name: str, accel_i: Array) -> Finding:
     read = f"median specific force {length:.4g}"
     if abs(length / nominal - 1.0) > 0.1:
         return Finding("accelerometer unit", name, "warning", f"{read} is gravity in no known unit")
-    if unit != "m/s^2":
-        return Finding("accelerometer unit", name, "warning", f"{read}: in {unit}, not in m/s^2")
-    return Finding("accelerometer unit", name, "ok", f"{read} m/s^2")
+    if unit == "m/s^2":
+        return Finding("accelerometer unit", name, "ok", f"{read} m/s^2")
+    fix = "accel_unit: g" if unit == "g" else fixes.scale("ax ay az", STANDARD_GRAVITY / nominal)
+    message = f"{read}: in {unit}, not in m/s^2"
+    return Finding("accelerometer unit", name, "warning", message, fix)
 
 
-def _gravity_direction(name: str, accel_b: Array) -> Finding:
+def _down_share(accel_b: Array) -> Array:
+    """Direction of the median specific force, (3,), of unit length."""
     mean_b = np.median(accel_b, axis=0)
-    share = mean_b / max(float(np.linalg.norm(mean_b)), 1e-9)
+    return np.asarray(mean_b / max(float(np.linalg.norm(mean_b)), 1e-9))
+
+
+def _levelling(share: Array) -> Array:
+    """The shortest turn that brings gravity where it belongs, of the body, (3, 3)."""
+    from scipy.spatial.transform import Rotation
+
+    across = np.cross(share, [0.0, 0.0, -1.0])
+    angle = np.arccos(np.clip(-share[2], -1.0, 1.0))
+    return np.asarray(Rotation.from_rotvec(angle * across / np.linalg.norm(across)).as_matrix())
+
+
+def _gravity_direction(imu: Sensor, accel_b: Array, opposed: bool | None) -> Finding:
+    mean_b, share = np.median(accel_b, axis=0), _down_share(accel_b)
     axis = "xyz"[int(np.argmax(np.abs(share)))]
     read = f"median in body axes ({mean_b[0]:.2f}, {mean_b[1]:.2f}, {mean_b[2]:.2f})"
-    if share[2] < -0.9:
-        return Finding("gravity sign", name, "ok", f"{read}: z is down")
-    if share[2] > 0.9:
-        return Finding(
-            "gravity sign", name, "warning", f"{read}: z is up; turn the mounting by rpy_deg 180"
+
+    def warning(message: str, fix: str) -> Finding:
+        return Finding("gravity sign", imu.name, "warning", f"{read}: {message}", fix)
+
+    if share[2] < -UPRIGHT:
+        return Finding("gravity sign", imu.name, "ok", f"{read}: z is down")
+    length = np.maximum(np.linalg.norm(accel_b, axis=1), 1e-9)
+    if np.linalg.norm(np.mean(accel_b / length[:, None], axis=0)) < UPRIGHT:
+        return Finding("gravity sign", imu.name, "ok", f"{read}: the body turns over, undecided")
+    if share[2] < UPRIGHT:
+        return warning(
+            f"gravity lies mostly along {axis}; at rest body z must read about -9.8",
+            fixes.mounting(_levelling(share) @ imu.R_bs),
         )
-    return Finding(
-        "gravity sign",
-        name,
-        "warning",
-        f"{read}: gravity lies mostly along {axis}; at rest body z must read about -9.8",
-    )
-
-
-def _turn_ratio(t: Array, yaw_rate: Array, heading: Sensor) -> tuple[float, float] | None:
-    """Turn seen by the compass over turn seen by the gyroscope, and their correlation."""
-    series = heading.series
-    assert isinstance(series, HeadingSeries)
-    grid = np.arange(max(t[0], series.t[0]), min(t[-1], series.t[-1]), 2.0)
-    if len(grid) < 20:
-        return None
-    steps = np.diff(t, prepend=t[0])
-    turned = np.diff(np.interp(grid, t, np.cumsum(yaw_rate * steps)))
-    compass = np.diff(np.interp(grid, series.t, np.unwrap(series.heading)))
-    if np.std(compass) < np.radians(0.5) or np.std(turned) == 0.0:
-        return None
-    correlation = float(np.corrcoef(turned, compass)[0, 1])
-    return float(np.std(compass) / np.std(turned)), correlation
-
-
-def _gyro_turns(name: str, turns: tuple[float, float]) -> Finding:
-    ratio, correlation = turns
-    read = f"compass turns {ratio:.3g} times what the gyro's z integrates to"
-    if abs(correlation) < 0.7:
-        message = f"gyro and compass turns do not go together (correlation {correlation:.2f})"
-        return Finding("gyro unit", name, "warning", message)
-    if correlation < 0:
-        message = f"{read}, in the other direction: the sign of body z is wrong"
-        return Finding("gyro unit", name, "warning", message)
-    if abs(ratio * 180.0 / np.pi - 1.0) < 0.3:
-        return Finding("gyro unit", name, "warning", f"{read}: in deg/s, not in rad/s")
-    if abs(ratio - 1.0) > 0.3:
-        return Finding("gyro unit", name, "warning", f"{read}; about 1 is expected")
-    return Finding("gyro unit", name, "ok", f"{read}, correlation {correlation:.2f}")
+    turned = fixes.mounting(np.diag([1.0, -1.0, -1.0]) @ imu.R_bs)
+    negated = fixes.scale("ax ay az", -1)
+    if opposed is None:
+        return warning("z is up, or gravity is counted as a force", f"{turned}, or {negated}")
+    if opposed:
+        return warning("z is up (FLU axes), and the gyro turns the other way too", turned)
+    return warning("gravity is counted as a force: the gyro's z is down", negated)
 
 
 def _gyro_range(name: str, gyro_i: Array) -> Finding:
     fastest = float(np.percentile(np.abs(gyro_i), 99))
     if fastest > FASTEST_TURN_RAD_S:
         message = f"99 % of the rates are below {fastest:.3g}: probably in deg/s, not in rad/s"
-        return Finding("gyro unit", name, "warning", message)
+        return Finding("gyro unit", name, "warning", message, "gyro_unit: deg/s")
     return Finding("gyro unit", name, "ok", f"99 % of the rates are below {fastest:.3g} rad/s")

@@ -95,27 +95,6 @@ def _median_speed(velocity: Sensor, begin: float) -> float:
     return float(np.linalg.norm(np.median(v, axis=0))) if len(v) else np.inf
 
 
-def dead_reckoned_way(t: Array, heading: Array, velocity: Sensor | None) -> Array:
-    """Horizontal way (n, e) at the compass's times, up to scale where no velocity is known."""
-    if velocity is None:
-        v_b = np.tile([1.0, 0.0], (len(t), 1))
-    else:
-        times, measured_b = _body_velocity(velocity)
-        v_b = np.stack([np.interp(t, times, axis) for axis in measured_b.T], axis=1)
-    steps = np.diff(t, prepend=t[0])
-    return np.cumsum(turned(v_b, heading) * steps[:, None], axis=0)
-
-
-def _body_velocity(sensor: Sensor) -> tuple[Array, Array]:
-    """Times and horizontal body velocities (n, 2) of a DVL or of odometry."""
-    series = sensor.series
-    if isinstance(series, OdometrySeries):
-        return series.t, series.v_b
-    assert isinstance(series, DvlSeries)
-    locked = series.valid & series.bottom_lock
-    return series.t[locked], (series.v_d[locked] @ sensor.R_bs.T)[:, :2]
-
-
 def turned(v_b: Array, heading: Array) -> Array:
     """Horizontal body vectors (n, 2) along north and east, for level flight."""
     c, s = np.cos(heading), np.sin(heading)

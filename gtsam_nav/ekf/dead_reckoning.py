@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gtsam_nav.config import Config
+from gtsam_nav.ekf.considered import ConsideredErrors, with_considered
 from gtsam_nav.ekf.constant_velocity import (
     DEPTH,
     VELOCITY,
@@ -27,7 +28,7 @@ from gtsam_nav.sensors.dvl import body_velocities
 from gtsam_nav.sensors.noise import HeadingNoise
 from gtsam_nav.sensors.orientation import headings_true, tilt_at
 from gtsam_nav.sensors.prediction import chi2_limit
-from gtsam_nav.sensors.rates import angular_rate_b
+from gtsam_nav.sensors.rates import angular_rate_b, mean_gyro_bias_b
 from gtsam_nav.series import DepthSeries, IntArray, OdometrySeries
 from gtsam_nav.solution import Innovations, Progress, Solution, StageClock
 from gtsam_nav.trajectory import SAME_TIME_S, Trajectory, record_times
@@ -93,7 +94,9 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     progress("dead reckoning", 1.0)
     return Solution(
         method="dr",
-        trajectory=filtered_trajectory(reckoned.filtered, mission),
+        trajectory=with_considered(
+            filtered_trajectory(reckoned.filtered, mission), ConsideredErrors.of(mission)
+        ),
         mission=mission,
         georeferenced=start.georeferenced and start.heading_known,
         rejections=(*mission.rejections, *reckoned.rejections),
@@ -198,7 +201,7 @@ def collect_measurements(
     parts: list[Measurements] = []
     rejections: list[Rejection] = []
     for dvl in mission.of_type("dvl"):
-        omega_b = angular_rate_b(mission, dvl.series.t)
+        omega_b = angular_rate_b(mission, dvl.series.t) - mean_gyro_bias_b(mission)
         velocities = body_velocities(dvl, omega_b, settings.water_lock_after_s)
         rejections += velocities.rejections
         parts.append(

@@ -7,12 +7,14 @@ Gauss-Markov state of its own; white noise would be a lie there.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from gtsam_nav.ekf.strapdown import NU, RHO, SIZE, THETA, InertialState, Strapdown
 from gtsam_nav.frames import Array, skew
+from gtsam_nav.solution import Innovations
 
 LARGE_TURN_RAD = 1e-3
 """Below this a correction leaves the axes of the other errors where they are."""
@@ -57,6 +59,21 @@ class Update:
     R: Array
     S_inverse: Array | None
     nis: float
+
+    @property
+    def whitened(self) -> Array:
+        """The residual in units of its standard deviations, uncorrelated, shape (m,)."""
+        assert self.S_inverse is not None
+        return np.asarray(np.linalg.cholesky(self.S_inverse).T @ self.residual)
+
+
+def innovations(used: Sequence[tuple[float, Array]]) -> Innovations | None:
+    """Times and whitened residuals of what was used; one reading makes no statistics."""
+    if len(used) < 2:
+        return None
+    whitened = np.array([residual for _, residual in used])
+    t = np.array([time_s for time_s, _ in used])
+    return Innovations(t, np.sum(whitened**2, axis=1), whitened.shape[1], whitened)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from gtsam_nav.ekf.aid import Aid
-from gtsam_nav.ekf.error_state import SharedErrors, Update, in_turned_axes
+from gtsam_nav.ekf.error_state import SharedErrors, Update, in_turned_axes, innovations
 from gtsam_nav.ekf.gate import Gate
 from gtsam_nav.ekf.inertial_start import InertialStart
 from gtsam_nav.ekf.landmark_filter import LandmarkFilter
@@ -117,7 +117,7 @@ class AidUpdates:
 
     def __init__(self, slam: LandmarkFilter, vehicle: InertialVehicle, aids: Sequence[Aid]) -> None:
         self.slam, self.vehicle, self.aids = slam, vehicle, aids
-        self.used: list[list[tuple[float, float]]] = [[] for _ in aids]
+        self.used: list[list[tuple[float, Array]]] = [[] for _ in aids]
         self.rejections: list[Rejection] = []
         self._gates = [Gate(aid.gate_probability) for aid in aids]
         last = np.cumsum([0, *(len(aid.shared) for aid in aids)]).tolist()
@@ -138,12 +138,8 @@ class AidUpdates:
 
     def innovations(self) -> dict[str, Innovations]:
         """Normalised innovations squared of what was used; one reading makes no statistics."""
-        found = {}
-        for aid, used in zip(self.aids, self.used, strict=True):
-            if len(used) > 1:
-                t, nis = np.array(used).T
-                found[aid.name] = Innovations(t, nis, aid.size)
-        return found
+        by_aid = ((a.name, innovations(used)) for a, used in zip(self.aids, self.used, strict=True))
+        return {name: found for name, found in by_aid if found is not None}
 
     def _take(self, which: int, k: int) -> None:
         """Judge a measurement and let it correct the filter."""
@@ -159,7 +155,7 @@ class AidUpdates:
             self._gates[which].offset()
             self.slam.widen()
         self.slam.correct(update.residual, update.H, update.R)
-        self.used[which].append((t, update.nis))
+        self.used[which].append((t, update.whitened))
 
     def _compare(self, which: int, k: int) -> Update:
         aid, own, vehicle = self.aids[which], self._own[which], self.vehicle

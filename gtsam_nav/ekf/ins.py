@@ -13,7 +13,7 @@ import numpy as np
 from gtsam_nav.config import Config
 from gtsam_nav.ekf.aid import Aid
 from gtsam_nav.ekf.aiding import aids_of
-from gtsam_nav.ekf.error_state import compose
+from gtsam_nav.ekf.error_state import compose, innovations
 from gtsam_nav.ekf.inertial_start import inertial_start
 from gtsam_nav.ekf.ins_run import History, InsRun
 from gtsam_nav.ekf.rts import smooth
@@ -156,12 +156,8 @@ def _innovations(aids: list[Aid], history: History) -> Mapping[str, Innovations]
 
     One reading, as that of the first levelling, makes no statistics.
     """
-    found = {}
-    for aid, used in zip(aids, history.used, strict=True):
-        if len(used) > 1:
-            t, nis = np.array(used).T
-            found[aid.name] = Innovations(t, nis, aid.size)
-    return found
+    by_aid = ((aid.name, innovations(used)) for aid, used in zip(aids, history.used, strict=True))
+    return {name: found for name, found in by_aid if found is not None}
 
 
 def _fixes_used(aids: list[Aid], history: History) -> int:

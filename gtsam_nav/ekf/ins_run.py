@@ -45,7 +45,7 @@ class History:
 
     nodes: list[Node] = field(default_factory=list)
     recorded: list[int] = field(default_factory=list)
-    used: list[list[tuple[float, float]]] = field(default_factory=list)
+    used: list[list[tuple[float, Array]]] = field(default_factory=list)
     rejections: list[Rejection] = field(default_factory=list)
 
 
@@ -132,7 +132,7 @@ class InsRun:
         self.filter.correct(
             update, leave_yaw=unknown and aid.observes not in ("heading", "gyro bias")
         )
-        self.history.used[which].append((self.filter.state.t, update.nis))
+        self.history.used[which].append((self.filter.state.t, update.whitened))
         if not unknown:
             self._search.forget()
         elif aid.v_n is not None:

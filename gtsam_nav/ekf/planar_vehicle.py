@@ -1,14 +1,16 @@
 """The planar vehicle of landmark SLAM: equations (1) to (4) of the paper.
 
-State: n, e and course (the paper's x, y, phi), and two constants of the odometry, the error k of
-its scale and the curvature c of a path that it takes for straight; with spreads of zero they are
-out of the game, and the filter is the paper's. A step moves the vehicle by what odometry, or a DVL
+State: n, e and course (the paper's x, y, phi), two constants of the odometry, the error k of its
+scale and the curvature c of a path that it takes for straight, and the slow error b of a compass
+that tells the turns, which forgets itself by a share f each step; with spreads of zero they are out
+of the game, and the filter is the paper's. A step moves the vehicle by what odometry, or a DVL
 and a compass, say of the span: forward and starboard increments d_x, d_y and a turn d_phi, each
 with zero-mean Gaussian noise of covariance Q::
 
     n      += (1 + k) (d_x cos(course) - d_y sin(course))
     e      += (1 + k) (d_x sin(course) + d_y cos(course))
-    course += d_phi + c d_x
+    course += d_phi + c d_x + f b - w
+    b      += -f b + w
 
 Depth, roll and pitch are what the mission measures of them.
 """
@@ -43,13 +45,13 @@ class PlanarVehicle:
 
     Attributes
     ----------
-    x : ndarray, shape (5,)
-        North, east, course, scale error, curvature.
-    P_start : ndarray, shape (5, 5)
+    x : ndarray, shape (6,)
+        North, east, course, scale error, curvature, compass error.
+    P_start : ndarray, shape (6, 6)
         Covariance of the state at the start.
     """
 
-    size = 5
+    size = 6
     pose = slice(0, 3)
 
     def __init__(self, mission: Mission, motion: PlanarMotion, start: Alignment, t: Array) -> None:
@@ -57,32 +59,42 @@ class PlanarVehicle:
         self._depth, self._sigma_depth = _depths(mission, start, t)
         tilt, self._sigma_tilt = tilt_at(mission, t)
         self._R_level = rotation_from_rpy(np.column_stack([tilt, np.zeros(len(t))]))
-        constants = [motion.scale_sigma, motion.curvature_sigma]
-        self.P_start = np.diag([*start.sigma_p[:2], start.sigma_rpy[2], *constants]) ** 2
+        slow = [motion.scale_sigma, motion.curvature_sigma, motion.disturbance_sigma]
+        self.P_start = np.diag([*start.sigma_p[:2], start.sigma_rpy[2], *slow]) ** 2
+        self._forgotten = -np.expm1(-self._dt / motion.disturbance_time_s)
+        self._disturbance2 = motion.disturbance_sigma**2
         self._k = 0
-        self.x = np.array([*start.p_n[:2], start.rpy[2], 0.0, 0.0])
+        self.x = np.array([*start.p_n[:2], start.rpy[2], 0.0, 0.0, 0.0])
         self._v_n = np.zeros(3)
         self._body = self._whole()
 
     def advance(self) -> tuple[Array, Array]:
         """Go to the next time: the Jacobian A in the state, and the noise W Q W' that it adds."""
         k = self._k
-        course, scale, curvature = self.x[2:].tolist()
+        course, scale, curvature, compass_error = self.x[2:].tolist()
         c, s = math.cos(course), math.sin(course)
         dx, dy = self._increments.displacement_b[k].tolist()
         north, east = c * dx - s * dy, s * dx + c * dy
-        A = np.eye(5)
+        forgotten = float(self._forgotten[k])
+        A = np.eye(6)
         A[:2, 2] = -(1 + scale) * east, (1 + scale) * north
         A[:2, 3] = north, east
-        A[2, 4] = dx
-        W = np.zeros((5, 3))
+        A[2, 4], A[2, 5], A[5, 5] = dx, forgotten, 1 - forgotten
+        W = np.zeros((6, 3))
         W[:3] = [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]
-        step = np.array([(1 + scale) * north, (1 + scale) * east, 0.0, 0.0, 0.0])
-        step[2] = self._increments.turn[k] + curvature * dx
+        variance = self._increments.variance[k].copy()
+        if self._disturbance2:
+            # the turn is as wrong as the compass's error has grown
+            W[5, 2] = -1.0
+            variance[2] = self._disturbance2 * (1 - (1 - forgotten) ** 2)
+        step = np.zeros(6)
+        step[:2] = (1 + scale) * north, (1 + scale) * east
+        step[2] = self._increments.turn[k] + curvature * dx + forgotten * compass_error
+        step[5] = -forgotten * compass_error
         self._v_n = np.array([step[0] / self._dt[k], step[1] / self._dt[k], 0.0])
         self._k += 1
         self.correct(step)
-        return A, (W * self._increments.variance[k]) @ W.T
+        return A, (W * variance) @ W.T
 
     def correct(self, error: Array) -> None:
         """Add to the state."""
@@ -102,9 +114,9 @@ class PlanarVehicle:
 
     @property
     def body_jacobian(self) -> Array:
-        """Errors of `BodyState` in those of the state, shape (9, 5)."""
+        """Errors of `BodyState` in those of the state, shape (9, 6)."""
         R_nb = self._body.R_nb
-        jacobian = np.zeros((9, 5))
+        jacobian = np.zeros((9, 6))
         jacobian[:3, 2] = R_nb[2]
         jacobian[3:6, :2] = R_nb[:2].T
         return jacobian
@@ -116,7 +128,7 @@ class PlanarVehicle:
 
         Parameters
         ----------
-        P : ndarray, shape (5, 5)
+        P : ndarray, shape (6, 6)
             Of the state.
         """
         cov = np.zeros((6, 6))

@@ -16,6 +16,7 @@ from gtsam_nav.ekf.scan_solution import PoseHistory, scan_solution
 from gtsam_nav.ekf.scan_track import ScanTrack, follow_scans
 from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.mission import Mission
+from gtsam_nav.registration.result import PlanarMatch
 from gtsam_nav.sensors.prediction import chi2_limit
 from gtsam_nav.solution import Progress, Solution, StageClock
 
@@ -46,9 +47,9 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         poses, covs, matches = [track.pose(0)], [track.cov_since_last(0)], []
         for k in range(1, len(track)):
             found = match_consecutive(track, k, config)
-            q, cov = found.match.q, found.match.cov
-            if not found.accepted:
-                q, cov = track.displacement(k)
+            q, cov = track.displacement(k)
+            if found.accepted:
+                q, cov = completed(found.match, q, cov)
             pose, J_last, J_q = compound(poses[-1], q)
             poses.append(pose)
             covs.append(J_last @ covs[-1] @ J_last.T + J_q @ cov @ J_q.T)
@@ -67,6 +68,17 @@ def match_consecutive(track: ScanTrack, k: int, config: Config) -> ScanMatch:
     nis = _normalised(match.q - prior, cov_prior + match.cov)
     contradicts = nis > chi2_limit(config.pose_ekf.gate_probability, 3)
     return ScanMatch(k - 1, k, match, "innovation gate" if contradicts else "", nis)
+
+
+def completed(match: PlanarMatch, prior: Array, cov_prior: Array) -> tuple[Array, Array]:
+    """A match, and in directions that the scans do not tell what dead reckoning knows."""
+    if not len(match.unobserved):
+        return match.q, match.cov
+    difference = match.q - prior
+    difference[2] = wrap_angle(difference[2])
+    gain = np.linalg.solve(cov_prior + match.cov, cov_prior).T
+    cov = cov_prior - gain @ cov_prior
+    return prior + gain @ difference, 0.5 * (cov + cov.T)
 
 
 def _normalised(difference: Array, S: Array) -> float:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gtsam_nav.ekf.considered import ConsideredErrors, with_considered
 from gtsam_nav.ekf.constant_velocity import YAW
 from gtsam_nav.ekf.dead_reckoning import filtered_trajectory, fixes_used
 from gtsam_nav.ekf.scan_registration import ScanMatch
@@ -143,6 +144,7 @@ def _corrected(track: ScanTrack, ne: Array, turn: Array, cov_planar: Array) -> T
     own = filtered_trajectory(track.filtered, track.mission)
     assert own.v_n is not None
     assert own.cov_pose_n is not None
+    assert own.sigma_v_n is not None
     cov = own.cov_pose_n.copy()
     planar = np.array([0, 1, 5])
     cov[:, planar] = 0.0
@@ -150,14 +152,20 @@ def _corrected(track: ScanTrack, ne: Array, turn: Array, cov_planar: Array) -> T
     cov[:, planar[:, None], planar] = cov_planar
     yaw = np.column_stack([np.zeros((len(turn), 2)), turn])
     v_n = np.einsum("nij,nj->ni", rotation_from_rpy(yaw), own.v_n)
-    return replace(
+    # a yaw that is wrong turns the velocity
+    variance_v = own.sigma_v_n**2
+    variance_v[:, :2] += cov_planar[:, 2, 2, None] * v_n[:, [1, 0]] ** 2
+    found = replace(
         own,
         p_n=np.column_stack([ne, own.p_n[:, 2]]),
         q_nb_wxyz=quaternion_from_rpy(own.rpy + yaw),
         v_n=v_n,
+        sigma_v_n=np.sqrt(variance_v),
         cov_pose_n=cov,
         keyframe=np.isin(own.t, track.t),
     )
+    # a compass that is off throughout turns everything about the start
+    return with_considered(found, ConsideredErrors.of(track.mission).constant_heading)
 
 
 def pose_graph(track: ScanTrack, trajectory: Trajectory, used: Sequence[ScanMatch]) -> PoseGraph:

@@ -3,7 +3,7 @@
 Bar-Shalom, Li & Kirubarajan, *Estimation with Applications to Tracking and Navigation* (2001),
 section 5.4: with N independent runs of an honest estimator, N times the average NEES of a time is
 chi-square with N times as many degrees of freedom, and so lies inside its 95 % bounds at 95 % of
-the times.
+the times. Innovations of an honest filter are white besides.
 """
 
 from __future__ import annotations
@@ -143,6 +143,63 @@ def ensemble_nis(runs: Sequence[Innovations], bin_s: float) -> EnsembleConsisten
     count = np.bincount(which)
     average = np.bincount(which, nis) / count
     return EnsembleConsistency((bins + 0.5) * bin_s, average, *_bounds(count, dof), dof)
+
+
+BANDS = (1.0, 2.0, 3.0)
+"""Sigmas of the bands whose coverage is counted."""
+
+
+def band_coverage(runs: Sequence[NormalisedErrors]) -> dict[str, tuple[float, ...]]:
+    """Share of the errors within the 1, 2 and 3 sigma bands, by quantity.
+
+    A position in the plane counts as within the ellipse of the band's probability: an honest
+    estimator has 0.683, 0.954 and 0.997 of any quantity.
+    """
+    from scipy.special import erf, gammaincinv
+
+    shares = {}
+    for name, dof in runs[0].dof.items():
+        squared = np.concatenate([run.values[name] for run in runs])
+        limits = [2.0 * gammaincinv(dof / 2.0, erf(k / np.sqrt(2.0))) for k in BANDS]
+        shares[name] = tuple(float(np.mean(squared <= limit)) for limit in limits)
+    return shares
+
+
+@dataclass(frozen=True)
+class Whiteness:
+    """Autocorrelation of successive innovations of one sensor.
+
+    Attributes
+    ----------
+    autocorrelation : float
+        Mean over the runs; zero for an honest filter.
+    bound95 : float
+        Mean of what 95 % of the runs of an honest filter stay below, either way.
+    fraction_inside : float
+        Share of the runs that do.
+    """
+
+    autocorrelation: float
+    bound95: float
+    fraction_inside: float
+
+
+def whiteness(runs: Sequence[Innovations]) -> Whiteness | None:
+    """Test the innovations of one sensor for whiteness; None where a method keeps only their NIS.
+
+    The time-average autocorrelation at a lag of one update is normal about zero, with a variance of
+    one over the number of components.
+    """
+    found = []
+    for run in runs:
+        if run.whitened is None or len(run.t) < 2:
+            return None
+        now, then = run.whitened[1:], run.whitened[:-1]
+        rho = np.sum(now * then) / np.sqrt(np.sum(now**2) * np.sum(then**2))
+        found.append((rho, 1.96 / np.sqrt(now.size)))
+    rho, bound = np.array(found).T
+    inside = np.mean(np.abs(rho) <= bound)
+    return Whiteness(float(np.mean(rho)), float(np.mean(bound)), float(inside))
 
 
 def _bounds(count: NDArray[np.integer], dof: int) -> tuple[Array, Array]:

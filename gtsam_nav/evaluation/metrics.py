@@ -15,6 +15,7 @@ from pydantic import TypeAdapter
 from gtsam_nav.evaluation.alignment import ALIGNMENTS, Aligned, align
 from gtsam_nav.evaluation.consistency import Consistency, consistency, horizontal_nees
 from gtsam_nav.evaluation.matching import Matched, distance_m, match
+from gtsam_nav.evaluation.relations import RelationScores, relation_scores
 from gtsam_nav.evaluation.relative import relative_error
 from gtsam_nav.evaluation.statistics import (
     AbsoluteErrors,
@@ -139,6 +140,8 @@ class Metrics(TrajectoryMetrics):
     ate_online : AbsoluteErrors or None
         Of the causal estimate, where the method has one and its keyframes are at most 5 s apart
         over at least half of the reference.
+    relations : RelationScores or None
+        Where the mission has surveyed relations.
     nis : mapping of str to Consistency
         Of the updates, by sensor.
     loops : LoopCounts
@@ -153,6 +156,7 @@ class Metrics(TrajectoryMetrics):
     """
 
     ate_online: AbsoluteErrors | None = None
+    relations: RelationScores | None = None
     nis: Mapping[str, Consistency]
     loops: LoopCounts
     rejected: Mapping[str, int]
@@ -197,6 +201,7 @@ def evaluate(
     return Metrics(
         **{f.name: getattr(scores, f.name) for f in fields(scores)},
         ate_online=ate_online,
+        relations=_relation_scores(solution),
         nis={
             sensor: found
             for sensor, innovations in sorted(solution.innovations.items())
@@ -214,6 +219,19 @@ def evaluate(
         gnss_withheld=solution.gnss_withheld,
         clock_offsets=solution.clock_offsets,
     )
+
+
+def _relation_scores(solution: Solution) -> RelationScores | None:
+    """At the times at which the scans were taken, as far as the method knows these."""
+    relations = solution.relations
+    if relations is None:
+        return None
+    offset_s = sum(
+        clock.offset_s
+        for clock in solution.clock_offsets
+        if clock.sensor == relations.sensor and clock.quantity == "time_offset"
+    )
+    return relation_scores(solution.trajectory, relations, offset_s)
 
 
 def _online_errors(

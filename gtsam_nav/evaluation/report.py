@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -22,9 +21,10 @@ from gtsam_nav.evaluation.metrics import LEAST_COVERAGE, Metrics, evaluate
 from gtsam_nav.evaluation.page import asset, page_document, script
 from gtsam_nav.evaluation.page.columns import Document
 from gtsam_nav.evaluation.page.skeleton import embedded, policy, sonar_viewer, workbench
+from gtsam_nav.evaluation.weakness import LEAST_WEAK_M, WEAK
 from gtsam_nav.solution import Solution, listed
-from gtsam_nav.writers.run_folder import RECORD
-from gtsam_nav.writers.run_record import RunRecord, read_record
+from gtsam_nav.writers.atomic import draft_folder
+from gtsam_nav.writers.run_record import RECORD, RunRecord, read_record
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -100,21 +100,25 @@ def write_report(
     folder = Path(out)
     config = config or Config()
     window_s = config.evaluation.window_s
-    report = _Report(
-        solutions=solutions,
-        config=config,
-        metrics={s.method: evaluate(s, window_s=window_s) for s in solutions},
-        whole={s.method: evaluate(s) for s in solutions} if window_s else {},
-        records=_records(solutions, folder),
-        document=page_document(solutions, window_s),
-        plots_folder=folder / "plots",
-    )
+    page, plots_folder = folder / "report.html", folder / "plots"
     try:
-        report.plots_folder.mkdir(parents=True, exist_ok=True)
-        _figures_beside(report)
-        page, draft = folder / "report.html", folder / ".report.html.draft"
-        draft.write_text(_page(report), encoding="utf-8", newline="\n")
-        os.replace(draft, page)  # noqa: PTH105
+        with draft_folder(page) as draft:
+            report = _Report(
+                solutions=solutions,
+                config=config,
+                metrics={s.method: evaluate(s, window_s=window_s) for s in solutions},
+                whole={s.method: evaluate(s) for s in solutions} if window_s else {},
+                records=_records(solutions, folder),
+                document=page_document(solutions, window_s),
+                plots_folder=draft,
+            )
+            _figures_beside(report)
+            written = draft / page.name
+            written.write_text(_page(report), encoding="utf-8", newline="\n")
+            plots_folder.mkdir(exist_ok=True)
+            for plot in draft.glob("*.png"):
+                plot.replace(plots_folder / plot.name)
+            written.replace(page)
     except OSError as error:
         raise OutputError(f"{folder}: cannot write the report: {error}") from error
     return page
@@ -128,8 +132,8 @@ def _records(solutions: Sequence[Solution], folder: Path) -> dict[str, RunRecord
 def _page(report: _Report) -> str:
     title = f"{report.solutions[0].mission.name}: navigation report"
     sections: Sequence[Callable[[_Report], Html]] = (
-        _header, _banners, _summary, _plan, _scans, _errors, _consistency, _loops, _sensors,
-        _provenance,
+        _header, _banners, _summary, _plan, _scans, _errors, _consistency, _weakness, _loops,
+        _sensors, _provenance,
     )  # fmt: skip
     head = element(
         "head",
@@ -223,7 +227,10 @@ def _banners(report: _Report) -> Html:
 
 
 def _summary(report: _Report) -> Html:
+    relations = _relations(report)
     if all(s.reference is None for s in report.solutions):
+        if relations:
+            return _section("Scores", *relations)
         why = "Every score is empty: the mission has no reference, and no GNSS fix was withheld."
         return _section("Scores", element("p", why))
     note = (
@@ -244,7 +251,19 @@ def _summary(report: _Report) -> Html:
             element("h3", "The same over the whole reference, inside and outside the window"),
             tables.summary_table(report.whole, report.records),
         ]
-    return _section(_scored_title(report, "Scores"), *pieces)
+    return _section(_scored_title(report, "Scores"), *pieces, *relations)
+
+
+def _relations(report: _Report) -> list[Html]:
+    """Errors on surveyed relations, where the mission has any."""
+    if not any(m.relations for m in report.metrics.values()):
+        return []
+    note = "Errors of relative poses between two times; those far apart are loops."
+    return [
+        element("h3", "Surveyed relations"),
+        tables.relation_table(report.metrics),
+        element("p", note, class_="note"),
+    ]
 
 
 def _plan(report: _Report) -> Html:
@@ -300,6 +319,21 @@ def _consistency(report: _Report) -> Html:
         tables.consistency_table(report.metrics),
         element("p", note, class_="note"),
         *figures,
+    )
+
+
+def _weakness(report: _Report) -> Html:
+    made = plots.position_sigma(report.solutions)
+    if made is None:
+        return Html("")
+    caption = (
+        "Sigma of the position along the longest axis of its error ellipse; shaded where it is "
+        f"more than {WEAK:g} times the mission's median, and {LEAST_WEAK_M:g} m."
+    )
+    return _section(
+        "Where the mission was weakly constrained",
+        report.figure("position_sigma", made, caption),
+        tables.weak_table(report.solutions),
     )
 
 

@@ -15,6 +15,7 @@ from gtsam_nav.evaluation.metrics import Metrics
 from gtsam_nav.evaluation.plots.style import method_colour
 from gtsam_nav.evaluation.relative import RelativeError
 from gtsam_nav.evaluation.statistics import AbsoluteErrors, ErrorStatistics
+from gtsam_nav.evaluation.weakness import weak_stretches
 from gtsam_nav.solution import Solution
 from gtsam_nav.writers.run_record import RunRecord
 
@@ -187,6 +188,30 @@ def gnss_table(metrics: ByMethod) -> Html:
     return table(("method", "fixes used", "fixes withheld"), rows)
 
 
+def relation_table(metrics: ByMethod) -> Html:
+    """Errors on surveyed relations."""
+    header = (
+        "method",
+        "relations",
+        "number",
+        "median (m)",
+        "95 % (m)",
+        "median (deg)",
+        "95 % (deg)",
+    )
+    rows = [
+        (
+            *(name, kind, str(e.n)),
+            *(number(f, 3) for f in (e.median_m, e.p95_m, e.median_deg, e.p95_deg)),
+        )
+        for name, m in metrics.items()
+        if m.relations is not None
+        for kind, e in (("near", m.relations.near), ("loops", m.relations.loops))
+        if e is not None
+    ]
+    return table(header, rows, names=2)
+
+
 def clock_table(metrics: ByMethod) -> Html:
     """Timing errors that were estimated."""
     rows = [
@@ -221,3 +246,30 @@ def timing_table(records: Mapping[str, RunRecord]) -> Html:
 def source_table(record: RunRecord) -> Html:
     """Files that were read, with their checksums."""
     return table(("file", "SHA-256"), sorted(record.sources.items()), names=2)
+
+
+def weak_table(solutions: Sequence[Solution]) -> Html:
+    """Stretches whose position is unsure, and what was missing there; or that there are none."""
+    header = (
+        "method",
+        "from (s)",
+        "to (s)",
+        "largest sigma (m)",
+        "along (deg)",
+        "what was missing",
+    )
+    rows: list[Row] = [
+        (
+            _with_dot(solution.method),
+            number(stretch.begin_s, 0),
+            number(stretch.end_s, 0),
+            number(stretch.sigma_m),
+            number(stretch.azimuth_deg, 0),
+            "; ".join(stretch.causes) or DASH,
+        )
+        for solution in solutions
+        for stretch in weak_stretches(solution)
+    ]
+    if not rows:
+        return element("p", "No stretch stands out.", class_="note")
+    return table(header, rows)

@@ -16,7 +16,10 @@ from gtsam_nav.graph.problem import Problem, Reading, SensorFactor
 from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.graph.scan_matching import PlanarPose
 
-RELINEARIZE_THRESHOLD = 0.05
+RELINEARIZE_TURN_RAD, RELINEARIZE_MOVE = 0.05, 0.5
+"""iSAM2 linearises a state anew once it has turned so far, or moved (m, m/s): residuals bend with
+turns, and are all but straight in positions."""
+RELINEARIZE_BIAS = 0.05
 DOUBTED = Robustness(kernel="cauchy")
 """Of readings that may be outliers: while they come in, none is judged for good."""
 
@@ -73,7 +76,7 @@ class Backend:
             self._new_factors.add(self._online_factor(reading))
 
     def _online_factor(self, reading: Reading) -> Any:
-        robustness = DOUBTED if reading.is_gated else reading.robustness
+        robustness = DOUBTED if reading.is_gated else reading.robustness.at_first
         return factors.robust(reading.make(self._state_at), robustness)
 
     def _state_at(self, key: int) -> Any:
@@ -83,7 +86,7 @@ class Backend:
 
     def add_factor(self, entry: SensorFactor) -> None:
         """Queue one factor."""
-        self._new_factors.add(entry.factor)
+        self._new_factors.add(entry.at_first)
 
     def update(self) -> None:
         """Let iSAM2 take in what is queued."""
@@ -109,14 +112,18 @@ class Backend:
         """Marginal covariance (9, 9) of keyframe k in its tangent space."""
         return np.asarray(self._isam.marginalCovariance(X(k)))
 
-    def joint_planar_covariance(self, a: int, b: int) -> Array:
-        """Covariance (6, 6) of (dn, de, dyaw) of two keyframes."""
-        marginal = self._isam.jointMarginalCovariance([X(a), X(b)])
-        joint = np.block([[marginal.at(X(i), X(j)) for j in (a, b)] for i in (a, b)])
-        S = np.zeros((6, 18))
-        S[:3, :9] = planar_rows(self._isam.calculateEstimateNavState(X(a)).attitude().matrix())
-        S[3:, 9:] = planar_rows(self._isam.calculateEstimateNavState(X(b)).attitude().matrix())
-        return np.asarray(S @ joint @ S.T)
+    def joint_planar_covariances(self, earlier: list[int], b: int) -> list[Array]:
+        """Covariances (6, 6) of (dn, de, dyaw) of each of some keyframes and of keyframe b."""
+        marginal = self._isam.jointMarginalCovariance([X(k) for k in (*earlier, b)])
+        S = {
+            k: planar_rows(self._isam.calculateEstimateNavState(X(k)).attitude().matrix())
+            for k in (*earlier, b)
+        }
+
+        def block(k: int, m: int) -> Array:
+            return np.asarray(S[k] @ marginal.at(X(k), X(m)) @ S[m].T)
+
+        return [np.block([[block(k, m) for m in (a, b)] for k in (a, b)]) for a in earlier]
 
     def values(self) -> Any:
         """Current estimate of everything."""
@@ -138,7 +145,11 @@ def _first_lines(error: RuntimeError) -> str:
 
 def _isam2(is_stiff: bool) -> Any:
     parameters = gtsam.ISAM2Params()
-    parameters.setRelinearizeThreshold(RELINEARIZE_THRESHOLD)
+    thresholds = gtsam.ISAM2ThresholdMap()
+    for kind in "xmgls":
+        thresholds.insert((kind, np.repeat([RELINEARIZE_TURN_RAD, RELINEARIZE_MOVE], [3, 6])))
+    thresholds.insert(("b", np.full(6, RELINEARIZE_BIAS)))
+    parameters.setRelinearizeThreshold(thresholds)
     parameters.relinearizeSkip = 1
     if is_stiff:
         parameters.setFactorization("QR")

@@ -44,22 +44,46 @@ class _Search:
 
     def run(self) -> None:
         everyone = (1 << len(self.neighbours)) - 1
-        for start in range(len(self.neighbours)):
-            self._keep(self._grown(start))
-        self._expand(0, everyone)
+        for start, neighbours in enumerate(self.neighbours):
+            is_in_best = self.best >> start & 1
+            if not is_in_best and neighbours.bit_count() >= self.best.bit_count():
+                self._keep(self._grown(start))
+        self._expand(*self._without_sure(everyone))
 
     def _keep(self, clique: int) -> None:
         if clique.bit_count() > self.best.bit_count():
             self.best = clique
 
     def _grown(self, start: int) -> int:
-        """The clique that grows from a vertex by the neighbour that keeps most others."""
+        """The clique that grows from a vertex by the neighbours that keep most others."""
         clique, left = 1 << start, self.neighbours[start]
         while left:
-            k = max(_members(left), key=lambda j: ((self.neighbours[j] & left).bit_count(), -j))
-            clique |= 1 << k
-            left &= self.neighbours[k]
+            count = {k: (self.neighbours[k] & left).bit_count() for k in _members(left)}
+            most = max(count.values())
+            best = [k for k, kept in count.items() if kept == most]
+            # those that are adjacent to all that is left are so to each other
+            for k in best if most == len(count) - 1 else best[:1]:
+                clique |= 1 << k
+                left &= self.neighbours[k]
         return clique
+
+    def _without_sure(self, candidates: int) -> tuple[int, int]:
+        """Vertices of any larger clique than the best, and those that may be in one.
+
+        Vertices with too few neighbours are in none; those adjacent to all that are left are.
+        """
+        sure, before = 0, -1
+        while candidates != before:
+            before = candidates
+            wanted = self.best.bit_count() - sure.bit_count()
+            count = {k: (self.neighbours[k] & candidates).bit_count() for k in _members(candidates)}
+            for k in [k for k, neighbours in count.items() if neighbours < wanted]:
+                candidates &= ~(1 << k)
+            for k in _members(candidates):
+                if candidates & ~self.neighbours[k] == 1 << k:
+                    sure |= 1 << k
+                    candidates &= ~(1 << k)
+        return sure, candidates
 
     def _expand(self, clique: int, candidates: int) -> None:
         """Try candidates in falling order of the colour that bounds what they may add."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import gtsam
@@ -42,10 +42,14 @@ STILL_SIGMAS = 0.1
 
 @dataclass(frozen=True)
 class Clocks:
-    """Timing errors of a mission, and what they were corrected by, shape (m,), s."""
+    """Timing errors of a mission, and what they were corrected by, shape (m,), s.
+
+    ``idle`` are those of sensors without a sample that may be used: nothing can tell them.
+    """
 
     errors: tuple[TimingError, ...]
     corrected_s: Array
+    idle: tuple[TimingError, ...] = ()
 
     def corrected(self, mission: Mission) -> Mission:
         """The mission with its timing put right."""
@@ -55,7 +59,7 @@ class Clocks:
 
     def moved(self, by_s: Array) -> Clocks:
         """With more of a correction."""
-        return Clocks(self.errors, self.corrected_s + by_s)
+        return replace(self, corrected_s=self.corrected_s + by_s)
 
     def describe(self, problem: Problem, used: Used, values: Any) -> None:
         """Let the problem of a corrected mission estimate what is left, beside its trajectory."""
@@ -68,6 +72,7 @@ class Clocks:
         for error in self.errors:
             value, sigma = constants[error.name]
             found.append(ClockOffset(error.sensor, error.quantity, value, sigma, error.sigma_s))
+        found += [ClockOffset(e.sensor, e.quantity, 0.0, e.sigma_s, e.sigma_s) for e in self.idle]
         return tuple(found)
 
 
@@ -88,10 +93,13 @@ def find_clocks(
     t : ndarray, shape (n,)
         Keyframe times.
     """
-    errors = timing_errors(mission)
-    clocks = Clocks(errors, np.zeros(len(errors)))
+    every = timing_errors(mission)
+    idle = tuple(error for error in every if not len(mission.sensors[error.sensor].series))
+    errors = tuple(error for error in every if error not in idle)
+    clocks = Clocks(errors, np.zeros(len(errors)), idle)
     if not errors:
         return clocks
+    config = _at_first(config)
     values, width, moved, rounds = None, np.inf, np.inf, 0
     while (moved > STILL_SIGMAS or width > 1.0) and rounds < MAX_ROUNDS:
         corrected = clocks.corrected(mission)
@@ -106,10 +114,10 @@ def find_clocks(
         used, graph = _factors(problem, values, kernel)
         clocks.describe(problem, used, values)
         posterior = sensor_posterior(graph, values, np.empty(0, dtype=np.int64), problem)
-        step = posterior.calibration.mean[-len(errors) :]
-        sigma = np.sqrt(np.diag(posterior.calibration.cov)[-len(errors) :])
+        step = posterior.constants.mean[-len(errors) :]
+        sigma = np.sqrt(np.diag(posterior.constants.cov)[-len(errors) :])
         moved = float(np.max(np.abs(step) / sigma))
-        clocks, values = clocks.moved(step), posterior.retracted(posterior.mean)
+        clocks, values = clocks.moved(step), posterior.moved()
         rounds += 1
         log.info("clocks, round %d: %s s, sigmas %s s", rounds, clocks.corrected_s, sigma)
         progress("clocks", rounds / MAX_ROUNDS)
@@ -117,6 +125,12 @@ def find_clocks(
         log.warning("clocks: the last of %d rounds still moved %.1f sigmas", rounds, moved)
     progress("clocks", 1.0)
     return clocks
+
+
+def _at_first(config: Config) -> Config:
+    """Under the kernels that a solve starts with."""
+    graph = config.graph.model_copy(update={"robust": config.graph.robust.at_first})
+    return config.model_copy(update={"graph": graph})
 
 
 def _start(problem: Problem, before: Any) -> Any:

@@ -2,22 +2,38 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import gtsam
 import numpy as np
 
 from gtsam_nav.frames import Array, quaternion_from_rotation, rotation_from_rpy, wrap_angle
+from gtsam_nav.graph.bridge import Bridge, inertial_bridge, joint_of_neighbours, steady_bridge
 from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.problem import InertialStep, Problem
 from gtsam_nav.trajectory import Trajectory
 
+TANGENT = np.r_[0:3, 6:9, 3:6]
+"""Attitude, velocity and position where GTSAM has attitude, position and velocity."""
+POSE = np.r_[6:9, 0:3]
+"""Position, then attitude, among attitude, velocity and position."""
 
-def dense_trajectory(problem: Problem, values: Any, keyframes: Trajectory) -> Trajectory:
-    """Keyframes and what is between: the vehicle's own motion, or the IMU's."""
-    if problem.measures_velocity:
-        return _along_motion(problem, keyframes)
-    return _along_imu(problem, values, keyframes)
+
+def dense_trajectory(
+    problem: Problem, values: Any, keyframes: Trajectory, covariances: Mapping[int, Array]
+) -> Trajectory:
+    """Keyframes and what is between: by the IMU where there is one that is fast enough, else by the
+    vehicle's own motion.
+
+    Parameters
+    ----------
+    covariances : mapping of int to ndarray, shape (9, 9)
+        Of each keyframe's tangent, by its key.
+    """
+    if problem.uses_imu:
+        return _along_imu(problem, values, keyframes, covariances)
+    return _along_motion(problem, keyframes)
 
 
 def _dense_times(problem: Problem, t_key: Array) -> Array:
@@ -31,7 +47,8 @@ def _along_motion(problem: Problem, keyframes: Trajectory) -> Trajectory:
     """The vehicle's own motion, corrected between keyframes as the refinement does.
 
     Each of the two keyframes around a time carries the motion along, turned by its own correction;
-    the result lies between the two by the time's fraction of the interval.
+    the result lies between the two by the time's fraction of the interval. The smoothed velocity is
+    as uncertain as where it was read, whatever more the keyframes know or lack (their heading).
     """
     assert keyframes.v_n is not None
     assert keyframes.cov_pose_n is not None
@@ -52,50 +69,120 @@ def _along_motion(problem: Problem, keyframes: Trajectory) -> Trajectory:
     v_b_key = np.stack([np.interp(t_key, motion.t, axis) for axis in motion.v_b.T], axis=1)
     v_gap = keyframes.v_n - np.einsum("nij,nj->ni", keyframes.R_nb, v_b_key)
     R_nb = rotation_from_rpy(rpy_own + _between(t, t_key, turn))
+    own2, own2_key = (np.interp(at, motion.t, motion.sigma_v)[:, None] ** 2 for at in (t, t_key))
+    more = _between(t, t_key, keyframes.sigma_v_n**2 - own2_key)
     return Trajectory(
         t=t,
         p_n=(1 - f) * ends[0] + f * ends[1],
         q_nb_wxyz=quaternion_from_rotation(R_nb),
         v_n=np.einsum("nij,nj->ni", R_nb, v_b) + _between(t, t_key, v_gap),
         cov_pose_n=_between(t, t_key, keyframes.cov_pose_n.reshape(-1, 36)).reshape(-1, 6, 6),
-        sigma_v_n=_between(t, t_key, keyframes.sigma_v_n),
+        sigma_v_n=np.sqrt(np.maximum(own2 + more, 0.0)),
         keyframe=np.isin(t, t_key),
     )
 
 
-def _along_imu(problem: Problem, values: Any, keyframes: Trajectory) -> Trajectory:
-    """The IMU's readings from each keyframe on; what they miss the next one by is spread evenly."""
-    from scipy.spatial.transform import Rotation
-
-    assert keyframes.v_n is not None
-    assert keyframes.cov_pose_n is not None
-    assert keyframes.sigma_v_n is not None
+def _along_imu(
+    problem: Problem, values: Any, keyframes: Trajectory, covariances: Mapping[int, Array]
+) -> Trajectory:
+    """The IMU's readings from each keyframe on; what they miss the next one by is spread."""
     t_key = keyframes.t
     t = _dense_times(problem, t_key)
-    k = np.clip(np.searchsorted(t_key, t, side="left"), 1, len(t_key) - 1)
-    R_nb, p_n, v_n = np.empty((len(t), 3, 3)), np.empty((len(t), 3)), np.empty((len(t), 3))
-    bounds = np.searchsorted(k, np.arange(1, len(t_key) + 1))
-    for j, step in enumerate(problem.steps[1:], start=1):
-        assert step is not None
-        before, bias = values.atNavState(X(j - 1)), values.atConstantBias(B(j - 1))
-        elapsed = t[bounds[j - 1] : bounds[j]] - t_key[j - 1]
-        for i, state in enumerate(_predicted(step, before, bias, elapsed), start=bounds[j - 1]):
-            R_nb[i], p_n[i], v_n[i] = state.attitude().matrix(), state.position(), state.velocity()
-    span = np.diff(t_key)[k - 1][:, None]
-    f = (t - t_key[k - 1])[:, None] / span
-    last = bounds[k] - 1  # the keyframe's own time ends each stretch
-    p_miss, v_miss = keyframes.p_n[k] - p_n[last], keyframes.v_n[k] - v_n[last]
-    turn = Rotation.from_matrix(np.swapaxes(R_nb[last], 1, 2) @ keyframes.R_nb[k]).as_rotvec()
-    R_nb = R_nb @ Rotation.from_rotvec(f * turn).as_matrix()
+    bounds = np.searchsorted(t, t_key, side="right")
+    bounds[0] = 0  # the first keyframe's own time goes with the first interval
+    parts = [
+        _interval(problem, values, k, covariances, t[bounds[k - 1] : bounds[k]])
+        for k in range(1, len(t_key))
+    ]
+    R_nb, p_n, v_n, cov_pose_n, sigma_v_n = (
+        np.concatenate(columns) for columns in zip(*parts, strict=True)
+    )
     return Trajectory(
         t=t,
-        p_n=p_n + f**2 * (3 - 2 * f) * p_miss + f**2 * (f - 1) * span * v_miss,
+        p_n=p_n,
         q_nb_wxyz=quaternion_from_rotation(R_nb),
-        v_n=v_n + 6 * f * (1 - f) * p_miss / span + f * (3 * f - 2) * v_miss,
-        cov_pose_n=_between(t, t_key, keyframes.cov_pose_n.reshape(-1, 36)).reshape(-1, 6, 6),
-        sigma_v_n=_between(t, t_key, keyframes.sigma_v_n),
+        v_n=v_n,
+        cov_pose_n=cov_pose_n,
+        sigma_v_n=sigma_v_n,
         keyframe=np.isin(t, t_key),
     )
+
+
+def _interval(
+    problem: Problem, values: Any, k: int, covariances: Mapping[int, Array], t: Array
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Attitude, position and velocity at times into keyframe k, the last of which is its own, with
+    the covariance of the pose and the sigmas of the velocity."""
+    from scipy.linalg import block_diag
+    from scipy.spatial.transform import Rotation
+
+    before, after = values.atNavState(X(k - 1)), values.atNavState(X(k))
+    R_nb, v_n, p_n = _carried(problem, k, values, t)
+    bridge = _bridge(problem, k, t, (v_n[-1] - before.velocity()))
+    turn = Rotation.from_matrix(after.attitude().matrix() @ R_nb[-1].T).as_rotvec()
+    miss = np.concatenate([turn, after.velocity() - v_n[-1], after.position() - p_n[-1]])
+    turn, speed, shift = np.split(bridge.by_end @ miss, 3, axis=1)
+    ends = []
+    for key, state in ((X(k - 1), before), (X(k), after)):
+        to_n = block_diag(*[state.attitude().matrix()] * 3)
+        ends.append((to_n @ covariances[key] @ to_n.T)[TANGENT[:, None], TANGENT])
+    cov = bridge.covariance(joint_of_neighbours(ends[0], ends[1], _link(problem, k, bridge)))
+    return (
+        Rotation.from_rotvec(turn).as_matrix() @ R_nb,
+        p_n + shift,
+        v_n + speed,
+        cov[:, POSE[:, None], POSE],
+        np.sqrt(np.maximum(np.diagonal(cov, axis1=1, axis2=2)[:, 3:6], 0.0)),
+    )
+
+
+def _link(problem: Problem, k: int, bridge: Bridge) -> Array:
+    """Information that ties keyframe k to the one before it: the bridge's, and the displacement's
+    where the velocity is measured."""
+    link = bridge.link.copy()
+    if problem.measures_velocity and problem.steps[k] is not None:
+        variance = problem.motion.displacement_variance(problem.t[k - 1], problem.t[k])
+        link[6:, 6:] += np.eye(3) / variance
+    return link
+
+
+def _bridge(problem: Problem, k: int, t: Array, gained_n: Array) -> Bridge:
+    """Between keyframe k and the one before it, which differ by that velocity, at times t."""
+    step, motion = problem.steps[k], problem.motion
+    after_s, span_s = t - problem.t[k - 1], float(problem.t[k] - problem.t[k - 1])
+    if step is not None:
+        p, force_n = step.parameters, gained_n / span_s - step.parameters.n_gravity
+        gyro2, accel2 = p.getGyroscopeCovariance()[0, 0], p.getAccelerometerCovariance()[0, 0]
+        return inertial_bridge(after_s, span_s, force_n, gyro2, accel2)
+    x = after_s * (span_s - after_s) / span_s**2
+    turned = motion.yaw_variance_rad2_s * span_s * x
+    moved_whole = float(motion.displacement_variance(problem.t[k - 1], problem.t[k]))
+    speed = 4 * x * np.interp(t, motion.t, motion.sigma_v) ** 2
+    link = 1.0 / np.array([motion.yaw_variance_rad2_s * span_s, np.inf, moved_whole])
+    noise = np.repeat(np.stack([turned, speed, moved_whole * x], 1), 3, 1)
+    return steady_bridge(after_s / span_s, noise, np.repeat(link, 3))
+
+
+def _carried(problem: Problem, k: int, values: Any, t: Array) -> tuple[Array, Array, Array]:
+    """Attitude, velocity and position at times into keyframe k by the IMU from the one before it
+    on; where that is silent, by the vehicle's own motion."""
+    before, step = values.atNavState(X(k - 1)), problem.steps[k]
+    if step is not None:
+        elapsed = t - problem.t[k - 1]
+        states = _predicted(step, before, values.atConstantBias(B(k - 1)), elapsed)
+        return (
+            np.array([state.attitude().matrix() for state in states]),
+            np.array([state.velocity() for state in states]),
+            np.array([state.position() for state in states]),
+        )
+    motion = problem.motion
+    turned = before.attitude().matrix() @ problem.R_nb[k - 1].T
+    p_own, rpy_own = motion.at(t)
+    R_nb = turned @ rotation_from_rpy(rpy_own)
+    v_b = np.stack([np.interp(t, motion.t, axis) for axis in motion.v_b.T], axis=1)
+    lacking_n = before.velocity() - before.attitude().matrix() @ problem.v_b[k - 1]
+    v_n = np.einsum("nij,nj->ni", R_nb, v_b) + lacking_n
+    return R_nb, v_n, before.position() + (p_own - problem.p_n[k - 1]) @ turned.T
 
 
 def _predicted(step: InertialStep, before: Any, bias: Any, elapsed: Array) -> list[Any]:

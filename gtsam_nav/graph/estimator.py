@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,20 +12,25 @@ from gtsam_nav.config import Config
 from gtsam_nav.errors import EstimationError, PackageError
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.backend import graph_of
-from gtsam_nav.graph.clocks import Clocks, find_clocks
-from gtsam_nav.graph.cloud_loops import close_cloud_loops, cloud_loop_closures
+from gtsam_nav.graph.clock_check import suspected_clocks
+from gtsam_nav.graph.cloud_loops import CloudLoops, close_cloud_loops, cloud_loop_closures
 from gtsam_nav.graph.dense import dense_trajectory
+from gtsam_nav.graph.doubts import (
+    contradictions,
+    doubts,
+    fixes,
+    is_georeferenced,
+    missing_loops,
+    unmeasured_height,
+)
 from gtsam_nav.graph.exported import pose_graph
 from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.false_loops import loop_faults
 from gtsam_nav.graph.indeterminacy import check_anchored, states_named
-from gtsam_nav.graph.keyframes import keyframe_times, merged_anchors
+from gtsam_nav.graph.knot_system import JointPosterior
 from gtsam_nav.graph.loop_judging import judged
 from gtsam_nav.graph.measurements import build_problem, clouds
-from gtsam_nav.graph.measurements.constraints import rolls
-from gtsam_nav.graph.measurements.gnss import POSITION_OUTLIER
-from gtsam_nav.graph.measurements.imu import preintegrable, silences
-from gtsam_nav.graph.online import match_factor, run_online
+from gtsam_nav.graph.online import OnlinePass, run_online
 from gtsam_nav.graph.output import (
     constant_errors,
     keyframe_trajectory,
@@ -35,47 +40,82 @@ from gtsam_nav.graph.output import (
     slow_states,
     smoothed_covariances,
 )
+from gtsam_nav.graph.outset import Ready, made_ready, mission_keyframes, start_and_motion
 from gtsam_nav.graph.problem import Problem, SensorFactor
 from gtsam_nav.graph.refinement import JointRefinement, Refined, refine_without_sonar
-from gtsam_nav.graph.robust import check_sigmas
+from gtsam_nav.graph.scan_calibration import ScanCalibration, calibrate_by_scans, planar_of
 from gtsam_nav.graph.scan_matching import ScanMatch
-from gtsam_nav.graph.settling import Settled, settle
-from gtsam_nav.graph.weights import contradictions, robust_weights
-from gtsam_nav.mission import Mission
+from gtsam_nav.graph.settling import Settled
+from gtsam_nav.graph.submap_loops import ScanLoops, close_submap_loops, with_matches
+from gtsam_nav.graph.weights import robust_weights, weighed, weightless
+from gtsam_nav.mission import Mission, Rejection
 from gtsam_nav.odometry.cloud_map import map_or_reason
 from gtsam_nav.odometry.kiss import CloudTrack, cloud_odometry
-from gtsam_nav.preprocess.alignment import Alignment, align
-from gtsam_nav.preprocess.compass_steps import without_compass_steps
-from gtsam_nav.preprocess.identified import identified
-from gtsam_nav.preprocess.inertial_motion import inertial_motion
-from gtsam_nav.preprocess.landmark_start import landmark_start
-from gtsam_nav.preprocess.motion import (
-    VehicleMotion,
-    measures_velocity,
-    offset_from_fixes,
-    turn_onto_fixes,
-    vehicle_motion,
-)
-from gtsam_nav.preprocess.planar_motion import planar_motion
-from gtsam_nav.series import ImuSeries
-from gtsam_nav.solution import Progress, Solution, SonarMap, StageClock
+from gtsam_nav.preprocess.motion import VehicleMotion
+from gtsam_nav.series import IntArray
+from gtsam_nav.solution import ClockOffset, Progress, Solution, SonarMap, StageClock
 from gtsam_nav.sonar.echoes import Echoes
-from gtsam_nav.sonar.motion import PlanarMotion
 from gtsam_nav.sonar.preparation import (
     SonarData,
     deskewed,
     leave_out_defective_sonar,
     registered_scans,
+    scans_at_once,
     sonar_map,
     sonar_turns,
 )
 from gtsam_nav.trajectory import Trajectory
 
-MAP_START_SIGMAS = 10.0
-LEAST_BELIEVED = 0.2
-"""Where a smaller share of the fixes agrees, none of them tells where the vehicle is."""
-ROLLING_INTERVAL_S = 0.25
-"""Longest time between keyframes of a vehicle on wheels: each is held to its course."""
+
+@dataclass(frozen=True)
+class _Echoes:
+    """What sonar and clouds tell; the mission here lacks a sonar that is of no use."""
+
+    mission: Mission
+    sonar: SonarData | None
+    track: CloudTrack | None
+    by_scans: tuple[ScanCalibration, ...]
+    rejections: tuple[Rejection, ...]
+    warnings: tuple[str, ...]
+
+    @property
+    def t_scans(self) -> Array:
+        """Middles of the scans, s."""
+        return self.sonar.turns.t_ref if self.sonar else np.empty(0)
+
+    @property
+    def t_clouds(self) -> Array:
+        """Times of the clouds that are keyframes, s."""
+        return np.array([cloud.t for cloud in self.track.key] if self.track else [])
+
+
+@dataclass(frozen=True)
+class _Solved:
+    """The graph at its solution, and what became of the loops on the way.
+
+    ``graph`` is what ``refined`` rests on; ``match_factors`` are those of the ``matches`` that were
+    accepted, in their order; ``wants_false`` whether false ones were asked for.
+    """
+
+    problem: Problem
+    scan_keyframe: IntArray
+    wants_false: bool
+    online: OnlinePass
+    matches: list[ScanMatch]
+    match_factors: list[SensorFactor]
+    cloud_loops: CloudLoops
+    graph: Any
+    refined: Refined
+
+    @property
+    def settled(self) -> Settled:
+        """What became of the readings."""
+        return self.cloud_loops.settled
+
+    def timed_matches(self, t_scans: Array) -> list[tuple[float, SensorFactor]]:
+        """The accepted matches' factors, with the times of their new scans."""
+        joined = (m for m in self.matches if m.accepted)
+        return [(float(t_scans[m.b]), f) for m, f in zip(joined, self.match_factors, strict=True)]
 
 
 def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
@@ -96,125 +136,162 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     EstimationError
         Where the graph is indeterminate or diverges.
     """
-    clock, robust = StageClock(), config.graph.robust
-    ready = _made_ready(mission, config, clock, progress)
-    mission, config, motion = ready.mission, ready.config, ready.motion
-    mission, echoes, rejections, warnings = leave_out_defective_sonar(mission, config.sonar)
+    clock = StageClock()
+    ready = made_ready(mission, config, clock, progress)
+    ready, echoes = _echoes(ready, clock, progress)
+    problem = _built(ready, echoes, clock)
+    solved = _solved(problem, ready, echoes, clock, progress)
+    with clock.stage("covariance"), states_named(problem):
+        covariances = _covariances(problem, solved.graph, solved.refined)
+    solution = _solution(ready, echoes, solved, covariances)
+    return replace(solution, stage_s=clock.seconds)
+
+
+def _echoes(ready: Ready, clock: StageClock, progress: Progress) -> tuple[Ready, _Echoes]:
+    """Deskewed scans, what they tell of clock and odometry, and the odometry of the clouds."""
+    config = ready.config
+    mission, echoes, rejections, warnings = leave_out_defective_sonar(ready.mission, config.sonar)
     with clock.stage("sonar"):
-        sonar = _sonar_data(mission, echoes, motion, config)
+        ready, sonar, by_scans = _with_scans(replace(ready, mission=mission), echoes)
+    mission = ready.mission
     with clock.stage("cloud odometry"):
         track, cloud_warnings = _cloud_track(mission, config, progress)
-    t_scans = sonar.turns.t_ref if sonar else np.empty(0)
-    t = _keyframe_times(mission, t_scans, track, config)
-    scan_keyframe = np.searchsorted(t, t_scans)
+    return ready, _Echoes(mission, sonar, track, by_scans, rejections, (*warnings, *cloud_warnings))
+
+
+def _built(ready: Ready, echoes: _Echoes, clock: StageClock) -> Problem:
+    """The problem of a mission, which something ties to the Earth."""
+    config = ready.config
+    t = mission_keyframes(echoes.mission, echoes.t_scans, echoes.t_clouds, config)
     with clock.stage("factors"):
-        problem = build_problem(mission, ready.start, motion, t, config)
-        if track is not None:
-            clouds.add(problem, track, config)
+        problem = build_problem(echoes.mission, ready.start, ready.motion, t, config)
+        if echoes.track is not None:
+            clouds.add(problem, echoes.track, config)
         check_anchored(problem)
-    faults = loop_faults(mission.faults, config.seed, problem, scan_keyframe, config.graph.loops)
+    return problem
+
+
+def _solved(
+    problem: Problem, ready: Ready, echoes: _Echoes, clock: StageClock, progress: Progress
+) -> _Solved:
+    """The causal pass, the judgement of its loops, the batch and the refinement."""
+    config, sonar = ready.config, echoes.sonar
+    scan_keyframe = np.searchsorted(problem.t, echoes.t_scans)
     with clock.stage("isam2"), states_named(problem):
-        scans = sonar.scans if sonar else []
-        online = run_online(problem, scans, scan_keyframe, config, progress, faults)
-    values = online.backend.values()
+        faults = loop_faults(
+            echoes.mission.faults, config.seed, problem, scan_keyframe, config.graph.loops
+        )
+        online = run_online(problem, sonar, scan_keyframe, config, progress, faults)
     with clock.stage("loops"), states_named(problem):
-        matches = judged(online.matches, problem, values, scan_keyframe, config)
-    joined = [m for m in matches if m.accepted]
-    match_factors = [match_factor(m, scan_keyframe, robust.loops) for m in joined]
+        loops = _scan_loops(problem, sonar, scan_keyframe, online, config, progress)
+    matches, match_factors, settled = loops.matches, loops.factors, loops.settled
     others = [*problem.entries, *match_factors]
-    with clock.stage("batch"), states_named(problem):
-        settled = settle(problem, others, values)
     with clock.stage("cloud loops"), states_named(problem):
-        cloud_loops = close_cloud_loops(problem, track, others, settled, config, progress)
+        cloud_loops = close_cloud_loops(problem, echoes.track, others, settled, config, progress)
         settled = cloud_loops.settled
     with clock.stage("refinement"), states_named(problem):
         ready.clocks.describe(problem, settled.used_factors, settled.values)
         graph, refined = _refined(
             problem, settled, match_factors, cloud_loops.entries, sonar, config, progress
         )
-    values = refined.values
-    timed = [(float(t_scans[m.b]), f) for m, f in zip(joined, match_factors, strict=True)]
-    weights = robust_weights(problem, timed, settled.used, values)
-    constants = constant_errors(problem, refined)
-    clock_offsets = ready.clocks.offsets(constants)
-    with clock.stage("covariance"), states_named(problem):
-        covariances = _covariances(problem, graph, refined)
-    keyframes = _keyframes(t, values, covariances)
-    trajectory = dense_trajectory(problem, values, keyframes)
-    exported = pose_graph(problem, values, matches, scan_keyframe, cloud_loops.loops, robust.loops)
-    points, map_warnings = _map(sonar, track, trajectory, config)
+    return _Solved(
+        problem=problem,
+        scan_keyframe=scan_keyframe,
+        wants_false=bool(faults),
+        online=online,
+        matches=matches,
+        match_factors=match_factors,
+        cloud_loops=cloud_loops,
+        graph=graph,
+        refined=refined,
+    )
+
+
+def _solution(
+    ready: Ready, echoes: _Echoes, solved: _Solved, covariances: dict[int, Array]
+) -> Solution:
+    """What is told of it."""
+    problem, settled, values = solved.problem, solved.settled, solved.refined.values
+    robust, mission, t_scans = ready.config.graph.robust, echoes.mission, echoes.t_scans
+    loops = solved.cloud_loops.loops
+    rows = weighed(problem, solved.timed_matches(t_scans), settled.used, values)
+    constants = constant_errors(problem, solved.refined)
+    clock_offsets = (*ready.clocks.offsets(constants), *(c.clock for c in echoes.by_scans))
+    keyframes = _keyframes(problem.t, values, covariances)
+    trajectory = dense_trajectory(problem, values, keyframes, covariances)
+    points, map_warnings = _map(echoes.sonar, echoes.track, trajectory, ready.config)
     return Solution(
         method="graph",
         trajectory=trajectory,
         mission=mission,
-        georeferenced=_is_georeferenced(problem, settled, mission),
-        online=keyframe_trajectory(t, online.states, online.covariances),
+        georeferenced=is_georeferenced(problem, settled, mission),
+        online=keyframe_trajectory(problem.t, solved.online.states, solved.online.covariances),
         loops=(
-            *loop_closures(matches, t_scans, scan_keyframe, values, robust.loops),
-            *cloud_loop_closures(cloud_loops.loops, problem, values, robust.loops),
+            *loop_closures(solved.matches, t_scans, solved.scan_keyframe, values, robust.loops),
+            *cloud_loop_closures(loops, problem, values, robust.loops),
         ),
         rejections=(
             *mission.rejections,
-            *motion.rejections,
-            *rejections,
+            *ready.motion.rejections,
+            *echoes.rejections,
             *problem.rejections,
             *settled.rejections,
-            *match_rejections(matches, t_scans),
+            *weightless(rows),
+            *match_rejections(solved.matches, t_scans),
         ),
-        robust_weights=weights,
+        robust_weights=robust_weights(rows),
         warnings=(
-            *mission.warnings,
-            *problem.warnings,
-            *ready.warnings,
-            *warnings,
-            *cloud_warnings,
-            *cloud_loops.warnings,
+            *_warnings(ready, echoes, solved, clock_offsets),
             *map_warnings,
-            *(offset.warning for offset in clock_offsets if not offset.observed),
-            *_doubts(problem, settled, refined),
-            *_missing_loops(bool(faults), matches),
-            *contradictions(weights),
+            *unmeasured_height(keyframes),
+            *suspected_clocks(mission, problem, settled, values, rows),
+            *contradictions(rows),
         ),
         slow_states=slow_states(problem, values, covariances, constants),
         clock_offsets=clock_offsets,
-        pose_graph=exported,
+        pose_graph=pose_graph(
+            problem, values, solved.matches, solved.scan_keyframe, loops, robust.loops
+        ),
         sonar_map=points,
-        scans=registered_scans(mission, sonar) if sonar else None,
+        scans=registered_scans(mission, echoes.sonar) if echoes.sonar else None,
         landmarks=landmark_estimates(problem, values, covariances, set(settled.factors.keys())),
-        gnss_used=_fixes(problem, settled)[1],
-        n_keyframes=len(t),
-        stage_s=clock.seconds,
+        gnss_used=fixes(problem, settled)[1],
+        n_keyframes=len(problem.t),
     )
 
 
-@dataclass(frozen=True)
-class _Ready:
-    """A mission whose ids, compass and clocks are put right, and its first guess."""
+def _warnings(
+    ready: Ready, echoes: _Echoes, solved: _Solved, clock_offsets: Iterable[ClockOffset]
+) -> Iterator[str]:
+    """What the user must hear of how it came about."""
+    problem, settled, refined = solved.problem, solved.settled, solved.refined
+    yield from echoes.mission.warnings
+    yield from problem.warnings
+    yield from ready.warnings
+    yield from echoes.warnings
+    yield from (warning for found in echoes.by_scans for warning in found.warnings)
+    yield from solved.cloud_loops.warnings
+    yield from (offset.warning for offset in clock_offsets if not offset.observed)
+    yield from doubts(problem, settled, converged=refined.converged)
+    yield from missing_loops(solved.wants_false, solved.matches)
 
-    mission: Mission
-    config: Config
-    start: Alignment
-    motion: VehicleMotion
-    clocks: Clocks
-    warnings: tuple[str, ...]
 
-
-def _made_ready(mission: Mission, config: Config, clock: StageClock, progress: Progress) -> _Ready:
-    """Tell landmarks apart, take compass steps and timing errors off, guess the motion."""
-    check_sigmas(mission, config.graph.robust)
-    if config.landmarks.association != "ids":
-        with clock.stage("association"):
-            mission, config = _identified(mission, config)
-    with clock.stage("motion"):
-        mission, warnings = without_compass_steps(mission)
-        start, motion = _start_and_motion(mission, config)
-    with clock.stage("clocks"):
-        t = _keyframe_times(mission, np.empty(0), None, config)
-        clocks = find_clocks(mission, start, motion, t, config, progress)
-        mission = clocks.corrected(mission)
-        if clocks.errors:
-            start, motion = _start_and_motion(mission, config)
-    return _Ready(mission, config, start, motion, clocks, warnings)
+def _scan_loops(
+    problem: Problem,
+    sonar: SonarData | None,
+    scan_keyframe: IntArray,
+    online: OnlinePass,
+    config: Config,
+    progress: Progress,
+) -> ScanLoops:
+    """The estimate with the scans' matches: closures are judged, or between submaps still found."""
+    values = online.values
+    if sonar is not None and sonar.at_once:
+        return close_submap_loops(
+            problem, sonar.scans, scan_keyframe, online.matches, values, config, progress
+        )
+    matches = judged(online.matches, problem, values, scan_keyframe, config)
+    return with_matches(problem, matches, scan_keyframe, values, config)
 
 
 def _refined(
@@ -229,36 +306,12 @@ def _refined(
     """The last solve, and the graph that it rests on: the echoes take the place of the matches."""
     graph = graph_of(problem.entries)
     graph.push_back(settled.factors)
-    if sonar is not None and config.graph.refinement.max_iterations:
+    if sonar is not None and not sonar.at_once and config.graph.refinement.max_iterations:
         graph.push_back(graph_of(cloud_loops))
         joint = JointRefinement(sonar.echoes, sonar.turns, problem, config.graph.refinement)
         return graph, joint.run(graph, settled.values, progress)
     graph.push_back(graph_of([*match_factors, *cloud_loops]))
     return graph, refine_without_sonar(graph, settled.values, problem)
-
-
-def _doubts(problem: Problem, settled: Settled, refined: Refined) -> Iterator[str]:
-    """What speaks against the solution."""
-    fixes, believed = _fixes(problem, settled)
-    if not _enough(believed, fixes):
-        yield f"gnss: only {believed} of {fixes} fixes agree with each other"
-    if not (refined.converged and settled.settled):
-        yield "the refinement stopped before it settled"
-
-
-def _missing_loops(wanted: bool, matches: list[ScanMatch]) -> Iterator[str]:
-    if wanted and not any(m.is_injected for m in matches):
-        yield "no loop closures: there were none to put false ones among"
-
-
-def _fixes(problem: Problem, settled: Settled) -> tuple[int, int]:
-    """Number of fixes with a position, and of those that were believed."""
-    readings = (reading for brought in problem.readings for reading in brought)
-    every, used = (
-        len({(r.sensor, r.index) for r in some if r.reason == POSITION_OUTLIER})
-        for some in (readings, settled.used)
-    )
-    return every, used
 
 
 def _keyframes(t: Array, values: Any, covariances: dict[int, Array]) -> Trajectory:
@@ -268,94 +321,29 @@ def _keyframes(t: Array, values: Any, covariances: dict[int, Array]) -> Trajecto
     return keyframe_trajectory(t, states, [covariances[key] for key in keys])
 
 
-def _is_georeferenced(problem: Problem, settled: Settled, mission: Mission) -> bool:
-    """Whether the start is known in the world, and the fixes that told it were believed."""
-    fixes, believed = _fixes(problem, settled)
-    told = _enough(believed, fixes) or mission.initial.p_n is not None
-    return problem.alignment.georeferenced and told
-
-
-def _enough(believed: int, fixes: int) -> bool:
-    """Whether the fixes that were believed are more than a chance agreement among outliers."""
-    return believed >= LEAST_BELIEVED * fixes
-
-
-def _identified(mission: Mission, config: Config) -> tuple[Mission, Config]:
-    """The mission with ids by association, and the settings that trust them."""
-    mission = identified(mission, config.motion, config.landmarks)
-    landmarks = config.landmarks.model_copy(update={"association": "ids"})
-    return mission, config.model_copy(update={"landmarks": landmarks})
-
-
-def _start_and_motion(mission: Mission, config: Config) -> tuple[Alignment, VehicleMotion]:
-    """Alignment and motion, drawn onto the fixes or the surveyed landmarks.
-
-    Without a compass the fixes turn the motion too.
-    """
-    start = align(mission)
-    if not measures_velocity(mission):
-        return start, inertial_motion(mission, start, config.motion)
-    if not start.georeferenced and config.landmarks.use_map:
-        start = _start_on_map(mission, config) or start
-    motion = vehicle_motion(mission, start, config.motion)
-    if start.georeferenced and not start.heading_known:
-        turn = turn_onto_fixes(mission, motion)
-        if turn is None:
-            return replace(start, georeferenced=False), motion
-        start = replace(start, rpy=start.rpy + np.array([0.0, 0.0, turn]), heading_known=True)
-        motion = vehicle_motion(mission, start, config.motion)
-    if mission.initial.p_n is None:
-        offset = offset_from_fixes(mission, motion)
-        start = replace(start, p_n=start.p_n + offset)
-        motion = replace(motion, p_n=motion.p_n + offset)
-    return start, motion
-
-
-def _start_on_map(mission: Mission, config: Config) -> Alignment | None:
-    """The start that the first sightings of surveyed landmarks tell, vague: they are used again."""
-    if mission.landmark_map is None or mission.first("landmarks") is None:
-        return None
-    motion = planar_motion(mission, config.motion)
-    start = None if motion is None else landmark_start(mission, motion, config.landmarks)
-    if start is None:
-        return None
-    return replace(
-        start,
-        sigma_p=MAP_START_SIGMAS * start.sigma_p,
-        sigma_rpy=MAP_START_SIGMAS * start.sigma_rpy,
-    )
-
-
-def _keyframe_times(
-    mission: Mission, t_scans: Array, track: CloudTrack | None, config: Config
-) -> Array:
-    """Keyframes at scans, clouds and sightings; where the IMU carries all, at fixes and silences
-    too."""
-    t_clouds = np.array([cloud.t for cloud in track.key] if track else [])
-    anchors = [t_scans, t_clouds, *(sensor.series.t for sensor in mission.of_type("landmarks"))]
-    interval_s = config.graph.keyframe_interval_s
-    imu = preintegrable(mission, config.graph.imu_min_rate_hz)
-    if imu is not None and not measures_velocity(mission):
-        assert isinstance(imu.series, ImuSeries)
-        anchors += [silences(imu.series, *mission.span_s).ravel()]
-        anchors += [sensor.series.t for sensor in mission.of_type("gnss")]
-        if rolls(mission, config):
-            interval_s = min(interval_s, ROLLING_INTERVAL_S)
-    merged = merged_anchors(anchors, config.graph.anchor_spacing_s)
-    return keyframe_times(*mission.span_s, merged, interval_s)
+def _with_scans(
+    ready: Ready, echoes: Echoes | None
+) -> tuple[Ready, SonarData | None, tuple[ScanCalibration, ...]]:
+    """The sonar's scans, and the mission put right by what a scanner's tell."""
+    sonar = _sonar_data(ready.mission, echoes, ready.motion, ready.config)
+    found = calibrate_by_scans(ready.mission, sonar, ready.motion, ready.config)
+    if found is None or echoes is None:
+        return ready, sonar, ()
+    mission = found.corrected(ready.mission)
+    start, motion = start_and_motion(mission, ready.config)
+    sonar = _sonar_data(mission, echoes.shift(found.clock.offset_s), motion, ready.config)
+    return replace(ready, mission=mission, start=start, motion=motion), sonar, (found,)
 
 
 def _sonar_data(
     mission: Mission, echoes: Echoes | None, motion: VehicleMotion, config: Config
 ) -> SonarData | None:
     """Echoes, turns and scans; None without a sonar or without a single scan."""
-    turns = sonar_turns(mission, config.sonar)
+    planar = planar_of(motion)
+    turns = sonar_turns(mission, config.sonar, planar)
     if echoes is None or turns is None:
         return None
-    planar = PlanarMotion.of(
-        motion.trajectory, motion.position_variance_m2_s, motion.yaw_variance_rad2_s
-    )
-    return deskewed(echoes, turns, planar)
+    return deskewed(echoes, turns, planar, at_once=scans_at_once(mission))
 
 
 def _cloud_track(
@@ -388,7 +376,9 @@ def _covariances(problem: Problem, graph: Any, refined: Refined) -> dict[int, Ar
     keys += [B(k) for k in index] if problem.uses_imu else []
     keys += problem.landmarks.values()
     keys += problem.range_scales.values()
-    covariances = smoothed_covariances(
-        graph, keys, refined.posterior, refined.planar_information, problem.is_stiff
-    )
+    posterior = refined.posterior
+    if isinstance(posterior, JointPosterior):
+        covariances = posterior.covariances(keys)
+    else:
+        covariances = smoothed_covariances(graph, keys, posterior, problem.is_stiff)
     return dict(zip(keys, covariances, strict=True))

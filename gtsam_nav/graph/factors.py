@@ -13,7 +13,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, G, L, M, S, X
 
-from gtsam_nav.frames import Array, Origin, earth_rate_n, rotation_from_rpy, skew
+from gtsam_nav.frames import Array, Origin, earth_rate_n, rotation_from_rpy
 from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.mission import Sensor
 from gtsam_nav.preprocess.strapdown import gravity_at
@@ -23,6 +23,8 @@ from gtsam_nav.sensors.noise import ImuNoise
 PIN_PRECISION = 1e8
 """Precision that holds the meaningless components of a frame of which only a part means anything:
 a compass's, a GNSS error's, a landmark's, a range scale's."""
+
+Trio = tuple[Any, Any, Any]
 
 # symbols of IMU bias, GNSS error, landmark, compass frame, range scale and keyframe
 __all__ = ["B", "G", "L", "M", "S", "X"]
@@ -201,36 +203,6 @@ def heading(compass: int | None, key: int, heading_rad: float, R_nb: Array, sigm
     return _against_compass(compass, key, R_measured, noise)
 
 
-def sighting(
-    key: int, landmark: int, offset_b: Array, by_offset: Array, residual: Array, cov: Array
-) -> Any:
-    """A sighting, linear about the landmark's present offset ``R_nb' (l_n - p_n)`` from the body.
-
-    The native residual is that offset less a measured one: here the one at which the linearised
-    sighting would agree, weighed along range and bearing. Made anew at each estimate, it is the
-    sighting's own least squares once that no longer moves.
-
-    Parameters
-    ----------
-    offset_b : ndarray, shape (3,)
-    by_offset : ndarray, shape (m, 3)
-        Jacobian of the sighting's residual (m,) in the offset.
-    residual, cov : ndarray, shapes (m,) and (m, m)
-        Of the sighting at that offset.
-    """
-    # the shortest step that takes the residual away
-    gram = by_offset @ by_offset.T + 1e-18 * np.eye(len(residual))
-    measured_b = offset_b - by_offset.T @ np.linalg.solve(gram, residual)
-    root = np.zeros((9, 9))
-    root[: len(residual), 3:6] = np.linalg.solve(np.linalg.cholesky(cov), by_offset)
-    noise = gtsam.noiseModel.Gaussian.SqrtInformation(root, False)
-    measured = nav_state(np.eye(3), measured_b, np.zeros(3))
-    return gtsam.BetweenFactorNavState(key, landmark, measured, noise)
-
-
-Trio = tuple[Any, Any, Any]
-
-
 class LinearFactor(gtsam.LinearContainerFactor):
     """A factor on three states, linear about their present values.
 
@@ -263,37 +235,6 @@ class LinearFactor(gtsam.LinearContainerFactor):
         keys, states, (A, B, C) = self._parts
         root = float(np.sqrt(weight(robustness, float(np.linalg.norm(self._residual)))))
         return LinearFactor(keys, states, (root * A, root * B, root * C), root * self._residual)
-
-
-def scaled_sighting(
-    keys: Trio,
-    states: Trio,
-    by_offset: Array,
-    by_scale: Array,
-    residual: Array,
-    cov: Array,
-) -> LinearFactor:
-    """As `sighting`, of a sensor whose ranges are all too long by a share that is a state.
-
-    Parameters
-    ----------
-    keys, states : tuples of three
-        Keyframe, landmark and range scale.
-    by_offset : ndarray, shape (m, 3)
-        Jacobian of the residual (m,) in the landmark's offset from the body, along its axes.
-    by_scale : ndarray, shape (m,)
-    residual, cov : ndarray, shapes (m,) and (m, m)
-    """
-    R_nb = states[0].attitude().matrix()
-    offset_b = R_nb.T @ (states[1].position() - states[0].position())
-    m = len(residual)
-    J_body, J_landmark, J_scale = np.zeros((m, 9)), np.zeros((m, 9)), np.zeros((m, 9))
-    J_body[:, :3], J_body[:, 3:6] = by_offset @ skew(offset_b), -by_offset
-    J_landmark[:, 3:6] = by_offset @ R_nb.T
-    J_scale[:, 3] = by_scale
-    whiten = np.linalg.inv(np.linalg.cholesky(cov))
-    jacobians = whiten @ J_body, whiten @ J_landmark, whiten @ J_scale
-    return LinearFactor(keys, states, jacobians, whiten @ residual)
 
 
 def range_scale_prior(key: int, sigma: float) -> Any:

@@ -68,7 +68,7 @@ def evidence_of(
 ) -> LoopEvidence:
     """Closures against the posterior of `keyframes_of` them without any closure."""
     keyframes = keyframes_of(loops, scan_keyframe)
-    values = posterior.retracted(posterior.mean)
+    values = posterior.moved()
     ends = np.array([[scan_keyframe[m.a], scan_keyframe[m.b]] for m in loops])
     places = np.searchsorted(keyframes, ends)
     poses = np.array([_planar(values.atNavState(X(k))) for k in keyframes.tolist()])

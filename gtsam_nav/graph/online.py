@@ -21,28 +21,46 @@ from gtsam_nav.graph.scan_matching import (
     SCAN_MATCH,
     PlanarPose,
     ScanMatch,
+    between,
     loop_candidates,
     match_scans,
     relative_pose,
 )
 from gtsam_nav.series import IntArray
 from gtsam_nav.solution import Progress
-from gtsam_nav.sonar.scans import Scan
+from gtsam_nav.sonar.preparation import SonarData
+from gtsam_nav.sonar.scans import Scan, planar_rotations
+
+RECENT_SCANS = 6
+"""Of a scanner whose scans are taken at once: so many together are what the next one is compared
+with."""
+RECENT_CELL_M = 0.1
+"""One of their points a cell is enough."""
 
 
-@dataclass
+@dataclass(frozen=True)
 class OnlinePass:
     """Outcome of the causal pass.
 
     Attributes
     ----------
-    backend : Backend
-        Holds all factors, scan matches included.
+    values : gtsam.Values
+        Of everything, as iSAM2 knew it in the end.
     states, covariances : lists
         Of each keyframe when it entered.
     matches : list of ScanMatch
         Every registration, by scan index.
     """
+
+    values: Any
+    states: list[Any]
+    covariances: list[Array]
+    matches: list[ScanMatch]
+
+
+@dataclass
+class _Running:
+    """The pass under way; iSAM2's memory goes with it."""
 
     backend: Backend
     states: list[Any] = field(default_factory=list)
@@ -57,7 +75,7 @@ class OnlinePass:
 
 def run_online(
     problem: Problem,
-    scans: list[Scan],
+    sonar: SonarData | None,
     scan_keyframe: IntArray,
     config: Config,
     progress: Progress,
@@ -67,13 +85,15 @@ def run_online(
 
     Parameters
     ----------
-    scans : list of Scan
+    sonar : SonarData or None
+        The loops of scans that are taken at once are left for later (`submap_loops`).
     scan_keyframe : ndarray of int
         Keyframe of each scan.
     faults : sequence of LoopFault
         False closures that come among the true ones.
     """
-    done = OnlinePass(Backend(problem))
+    done = _Running(Backend(problem))
+    scans, closes_loops = (sonar.scans, not sonar.at_once) if sonar else ([], False)
     poses: list[PlanarPose] = []
     step = config.graph.keyframes_per_update
     for begin in range(0, len(problem.t), step):
@@ -87,47 +107,82 @@ def run_online(
         for s in np.flatnonzero((scan_keyframe >= begin) & (scan_keyframe < end)).tolist():
             k = int(scan_keyframe[s])
             poses.append(planar_pose(done.states[k], done.covariances[k]))
-            _match_scan(done, s, scans, scan_keyframe, poses, config)
+            _match_scan(done, s, scans, scan_keyframe, poses, config, closes_loops)
             for fault in faults:
                 for false in fault.drawn(s, done.true_loops, ends=s == len(scans) - 1):
                     _take_in(done, false, scan_keyframe, config.graph.robust.loops)
         progress("iSAM2", end / len(problem.t))
     done.backend.update()
-    return done
+    return OnlinePass(done.backend.values(), done.states, done.covariances, done.matches)
 
 
 def _match_scan(
-    done: OnlinePass,
+    done: _Running,
     new: int,
     scans: list[Scan],
     scan_keyframe: IntArray,
     poses: list[PlanarPose],
     config: Config,
+    closes_loops: bool,
 ) -> None:
     """Register a new scan to the one before and to what it may revisit."""
-    settings, robustness = config.graph.loops, config.graph.robust.loops
-    if len(scans[new]) < config.sonar.scans.min_points:
+    robustness, least = config.graph.robust.loops, config.sonar.scans.min_points
+    if len(scans[new]) < least:
         return
-    t_scans = np.array([scan.t_ref for scan in scans[: new + 1]])
-    chosen = [(new - 1, False)] if new else []
-    chosen += [(old, True) for old in loop_candidates(new, poses, t_scans, settings)]
-    for old, is_loop in chosen:
-        if len(scans[old]) < config.sonar.scans.min_points:
-            continue
-        a, b = int(scan_keyframe[old]), int(scan_keyframe[new])
-        if is_loop:
-            here = planar_pose(done.backend.peek(a), np.eye(9))
-            prior = relative_pose(here, poses[new], done.backend.joint_planar_covariance(a, b))
-        else:
-            prior = done.backend.problem.planar_increment(a, b)
-        found = match_scans(
-            old, new, scans, prior, config.pic, robustness.gate_probability, is_loop
-        )
+    tried: list[tuple[Scan, int, PlanarPose, bool]] = []
+    if new and len(scans[new - 1]) >= least:
+        a, b = (int(k) for k in scan_keyframe[new - 1 : new + 1])
+        reference = scans[new - 1] if closes_loops else _recent(done, new - 1, scans, scan_keyframe)
+        tried.append((reference, new - 1, done.backend.problem.planar_increment(a, b), False))
+    if closes_loops and _searches(new, len(scans), config.graph.loops.max_searches):
+        t_scans = np.array([scan.t_ref for scan in scans[: new + 1]])
+        candidates = loop_candidates(new, poses, t_scans, config.graph.loops)
+        candidates = [old for old in candidates if len(scans[old]) >= least]
+        priors = _relative_poses(done.backend, candidates, new, scan_keyframe, poses[new])
+        tried += [(scans[old], old, q, True) for old, q in zip(candidates, priors, strict=True)]
+    for reference, old, prior, is_loop in tried:
+        pair = {old: reference, new: scans[new]}
+        found = match_scans(old, new, pair, prior, config.pic, robustness.gate_probability, is_loop)
         _take_in(done, found, scan_keyframe, robustness)
 
 
+def _searches(new: int, n_scans: int, most: int) -> bool:
+    """Whether a scan is one of so many at even intervals."""
+    return new * most // n_scans > (new - 1) * most // n_scans
+
+
+def _relative_poses(
+    backend: Backend, earlier: list[int], new: int, scan_keyframe: IntArray, pose: PlanarPose
+) -> list[PlanarPose]:
+    """Estimated poses of a new scan in earlier ones."""
+    if not earlier:
+        return []
+    keyframes = [int(scan_keyframe[old]) for old in earlier]
+    joint = backend.joint_planar_covariances(keyframes, int(scan_keyframe[new]))
+    return [
+        relative_pose(planar_pose(backend.peek(a), np.eye(9)), pose, cov)
+        for a, cov in zip(keyframes, joint, strict=True)
+    ]
+
+
+def _recent(done: _Running, last: int, scans: list[Scan], scan_keyframe: IntArray) -> Scan:
+    """The last scan with those before it, in its own frame: more than a scan sees of a place."""
+    members = range(last, max(last - RECENT_SCANS, -1), -1)
+    states = [done.backend.peek(int(scan_keyframe[s])) for s in members]
+    poses = np.array([[*state.position()[:2], state.attitude().yaw()] for state in states])
+    xy, cov = [], []
+    for s, pose in zip(members, poses, strict=True):
+        q = between(poses[0], pose)[0]
+        B = planar_rotations(q[2])
+        xy.append(q[:2] + scans[s].xy @ B.T)
+        cov.append(B @ scans[s].cov @ B.T)
+    points = np.concatenate(xy)
+    _, first = np.unique(np.floor(points / RECENT_CELL_M), axis=0, return_index=True)
+    return Scan(scans[last].t_ref, points[first], np.concatenate(cov)[first])
+
+
 def _take_in(
-    done: OnlinePass, found: ScanMatch, scan_keyframe: IntArray, robustness: Robustness
+    done: _Running, found: ScanMatch, scan_keyframe: IntArray, robustness: Robustness
 ) -> None:
     """Record a match; an accepted one becomes a factor."""
     done.matches.append(found)
@@ -139,4 +194,4 @@ def match_factor(found: ScanMatch, scan_keyframe: IntArray, robustness: Robustne
     """A scan match as a factor between its keyframes."""
     a, b = (X(int(scan_keyframe[s])) for s in (found.a, found.b))
     factor = factors.planar_match(a, b, found.match.q, found.match.cov)
-    return SensorFactor(LOOP if found.is_loop else SCAN_MATCH, factor, robustness)
+    return SensorFactor(LOOP if found.is_loop else SCAN_MATCH, factor, robustness, found.b)

@@ -23,25 +23,16 @@ from gtsam_nav.trajectory import Trajectory
 
 
 def smoothed_covariances(
-    graph: Any, keys: list[int], posterior: SensorPosterior, A: Array, is_stiff: bool = False
+    graph: Any, keys: list[int], posterior: SensorPosterior, is_stiff: bool = False
 ) -> list[Array]:
-    """Marginal covariances of the variables' free parts, all information and errors together.
-
-    The velocity's constant errors add ``U U'``, the sonar's information A takes ``C W C'``:
-
-    ``P + U U' - C W C'`` with C the cross covariance of a variable with the planar poses and
-    ``W = A - A (P_p^-1 + A)^-1 A``.
-    """
-    sensors_only = Covariances(graph, posterior.values, is_stiff)
-    CW = posterior.cross @ posterior.taken_by(A)
-    updated = []
+    """Marginal covariances of the variables' free parts, the constant errors' share included."""
+    without = Covariances(graph, posterior.system.values, is_stiff)
+    covariances = []
     for key in keys:
-        own, free = posterior.columns[key], free_part(key)
-        cov = sensors_only.joint([key])[free, free]
-        spread = posterior.calibration.spread[own]
-        whole = cov + spread @ spread.T - CW[own] @ posterior.cross[own].T
-        updated.append(0.5 * (whole + whole.T))
-    return updated
+        own, free = posterior.system.columns[key], free_part(key)
+        spread = posterior.spread[own]
+        covariances.append(without.joint([key])[free, free] + spread @ spread.T)
+    return covariances
 
 
 def keyframe_trajectory(t: Array, states: list[Any], covariances: list[Array]) -> Trajectory:
@@ -68,7 +59,8 @@ def constant_errors(problem: Problem, refined: Refined) -> dict[str, tuple[float
 
     Those of the velocity that are known beforehand are left out.
     """
-    mean, cov = refined.posterior.constants_given(refined.planar, refined.planar_information)
+    constants = refined.posterior.constants
+    mean, cov = constants.mean, constants.cov
     names = [f"velocity_{name}" for name in CALIBRATION] + [c.name for c in problem.constants]
     if problem.timing is not None:
         mean = mean + np.append(np.zeros(len(names)), problem.timing.corrected_s)

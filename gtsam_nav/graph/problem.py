@@ -32,16 +32,25 @@ NO_KERNEL = Robustness(kernel="none")
 
 @dataclass(frozen=True)
 class SensorFactor:
-    """A factor with Gaussian noise, the sensor it came from, and its kernel."""
+    """A factor with Gaussian noise, the sensor it came from, and its kernel.
+
+    ``index`` is the sensor's sample that it rests on, as in `Rejection`, if it is a single one.
+    """
 
     sensor: str
     gaussian: Any
     robustness: Robustness = NO_KERNEL
+    index: int | None = None
 
     @cached_property
     def factor(self) -> Any:
         """The factor under its kernel."""
         return factors.robust(self.gaussian, self.robustness)
+
+    @property
+    def at_first(self) -> Any:
+        """The factor under the kernel that it has while the solution is still far."""
+        return factors.robust(self.gaussian, self.robustness.at_first)
 
     def weight_at(self, values: Any) -> float:
         """What the kernel leaves of the factor's information."""
@@ -253,10 +262,15 @@ class Problem:
         return rows
 
     def add(
-        self, k: int, sensor: str, factor: Any, robustness: Robustness = NO_KERNEL
+        self,
+        k: int,
+        sensor: str,
+        factor: Any,
+        robustness: Robustness = NO_KERNEL,
+        index: int | None = None,
     ) -> SensorFactor:
         """Let keyframe k bring one more factor of Gaussian noise, to stand under a kernel."""
-        entry = SensorFactor(sensor, factor, robustness)
+        entry = SensorFactor(sensor, factor, robustness, index)
         self.factors[k].append(entry)
         return entry
 
@@ -265,7 +279,7 @@ class Problem:
     ) -> None:
         """The same, as a reading that may be left out where the kernel goes with a gate."""
         if robustness.gate_probability is None:
-            self.add(k, sensor, factor, robustness)
+            self.add(k, sensor, factor, robustness, index)
             return
         t, reason = float(self.t[k]), f"{sensor} outlier"
         reading = Reading(t, sensor, index, lambda _: factor, robustness, reason)

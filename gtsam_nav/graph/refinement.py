@@ -18,7 +18,9 @@ import numpy as np
 
 from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.graph.factors import X
+from gtsam_nav.graph.knot_system import JointPosterior, KnotSystem
 from gtsam_nav.graph.problem import Problem
+from gtsam_nav.graph.scan_pairs import PlacedEchoes, ScanPairs, nearby_scans
 from gtsam_nav.graph.sensor_posterior import SensorPosterior, sensor_posterior
 from gtsam_nav.graph.settings import RefinementSettings
 from gtsam_nav.series import BoolArray, IntArray
@@ -35,7 +37,9 @@ MAX_LAG = 30
 """Echoes further apart in a scan than this many are taken to err independently."""
 SHARED_ERROR_EVERY = 5
 """Iterations between two measurements of how far echoes err together."""
-MAX_RELINEARISATIONS = 6
+MAX_RELINEARISATIONS = 12
+SETTLED_SHARE = 0.05
+"""Of how far a linearisation has moved its knots: smaller steps wait for the next one."""
 MAX_STEPS = 25
 """Without a sonar; reweighed least squares under a kernel takes its time."""
 CONVERGED_STEP = 1e-3
@@ -81,15 +85,10 @@ def knots_of(t_echoes: Array, t_keyframes: Array, t_scans: Array) -> Knots:
 
 @dataclass(frozen=True)
 class Refined:
-    """Final values, and what the sensors and the sonar told about the planar knots.
-
-    ``planar`` is the last step of these, from where ``posterior`` was linearised.
-    """
+    """Final values, and the Gaussian about them."""
 
     values: Any
-    posterior: SensorPosterior
-    planar: Array
-    planar_information: Array
+    posterior: SensorPosterior | JointPosterior
     iterations: int
     converged: bool
 
@@ -99,12 +98,10 @@ def refine_without_sonar(graph: Any, values: Any, problem: Problem) -> Refined:
     largest, count = np.inf, 0
     while largest > CONVERGED_STEP and count < MAX_STEPS:
         posterior = sensor_posterior(graph, values, np.empty(0, dtype=np.int64), problem)
-        values = posterior.retracted(posterior.mean)
-        largest = float(np.max(np.abs(posterior.mean)))
+        values = posterior.moved()
+        largest = float(np.max(np.abs(posterior.step)))
         count += 1
-    return Refined(
-        values, posterior, np.empty(0), np.empty((0, 0)), count, largest <= CONVERGED_STEP
-    )
+    return Refined(values, posterior, count, largest <= CONVERGED_STEP)
 
 
 class JointRefinement:
@@ -156,47 +153,62 @@ class JointRefinement:
         """
         gate, iterations = self.settings.first_gate_m, 0
         for _ in range(MAX_RELINEARISATIONS):
-            posterior = sensor_posterior(graph, values, self.knots.keyframes, self.problem)
-            planar, information, gate, count, settled = self._solve(
-                posterior, gate, iterations, progress
+            origin = self._planar_of(values)
+            pairs = self._scan_pairs(origin)
+            system = KnotSystem(graph, values, self.knots.keyframes, self.problem, pairs.touching)
+            posterior, gate, count, settled = self._solve(
+                system, origin, pairs, gate, iterations, progress
             )
             iterations += count
-            values = posterior.retracted(posterior.step_given(planar.ravel()))
-            done = settled and np.max(np.abs(planar[:, :2])) < 2 * self.settings.converged_m
+            values = posterior.moved()
+            moved = float(np.max(np.abs(posterior.planar[:, :2])))
+            done = settled and moved < 2 * self.settings.converged_m
             if done or iterations >= self.settings.max_iterations:
                 break
         progress("refinement", 1.0)
         log.info("joint refinement: %d iterations, converged: %s", iterations, done)
-        return Refined(values, posterior, planar.ravel(), information, iterations, bool(done))
+        return Refined(values, posterior, iterations, done)
 
     def _solve(
-        self, posterior: SensorPosterior, gate: float, before: int, progress: Progress
-    ) -> tuple[Array, Array, float, int, bool]:
+        self,
+        system: KnotSystem,
+        origin: Array,
+        pairs: ScanPairs,
+        gate: float,
+        before: int,
+        progress: Progress,
+    ) -> tuple[JointPosterior, float, int, bool]:
         """Iterate associations on one linearisation of the sensors."""
-        from scipy.linalg import cho_factor, cho_solve
-
-        m = len(self.knots.keyframes)
-        prior = np.linalg.inv(posterior.planar_cov)
-        origin = self._planar_of(posterior.values)
-        planar = np.zeros((m, 3))
-        information = np.zeros((3 * m, 3 * m))
+        planar = np.zeros_like(origin)
         count, settled = 0, False
         while not settled and before + count < self.settings.max_iterations:
-            information, gradient = self._normal_equations(origin + planar, gate)
-            gradient -= prior @ (planar.ravel() - posterior.planar_mean)
-            step = cho_solve(cho_factor(prior + information), gradient).reshape(m, 3)
-            planar = planar + step
+            information, gradient = self._normal_equations(origin + planar, pairs, gate)
+            posterior = system.with_sonar(information, gradient + information @ planar.ravel())
+            step = posterior.planar - planar
+            planar = posterior.planar
             count += 1
             progress("refinement", (before + count) / self.settings.max_iterations)
             narrow = gate <= self.settings.last_gate_m
-            settled = narrow and float(np.max(np.abs(step[:, :2]))) < self.settings.converged_m
+            moved = float(np.max(np.abs(planar[:, :2])))
+            still = max(self.settings.converged_m, SETTLED_SHARE * moved)
+            settled = narrow and float(np.max(np.abs(step[:, :2]))) < still
             gate = max(gate * self.settings.gate_factor, self.settings.last_gate_m)
             log.debug(
                 "refinement: largest step %.3f m at knot %d",
                 np.max(np.abs(step[:, :2])),
                 np.argmax(np.max(np.abs(step[:, :2]), axis=1)),
             )
-        return planar, information, gate, count, settled
+        return posterior, gate, count, settled
+
+    def _scan_pairs(self, knots: Array) -> ScanPairs:
+        """The scans to be compared, as they lie at given poses of the knots."""
+        near = nearby_scans(
+            knots[self._scan_knot, :2],
+            np.diff(self.scan_first),
+            self.settings.neighbour_radius_m,
+            self.settings.max_neighbours,
+        )
+        return ScanPairs(near, self.knots.knot, self.scan_first, len(knots))
 
     def _planar_of(self, values: Any) -> Array:
         """North, east and yaw of the knots, yaw unwrapped beside the motion's; shape (m, 3)."""
@@ -206,52 +218,36 @@ class JointRefinement:
         beside = self._knot_yaw + wrap_angle(yaw - self._knot_yaw)
         return np.column_stack([ne, beside])
 
-    def _normal_equations(self, knots: Array, gate: float) -> tuple[Array, Array]:
-        """Sonar's information on the knots, (3m, 3m), and the gradient (3m,) at their poses."""
+    def _normal_equations(self, knots: Array, pairs: ScanPairs, gate: float) -> tuple[Any, Array]:
+        """Sonar's information on the knots, sparse (3m, 3m), and the gradient (3m,) there."""
+        from gtsam_nav.graph._echo_equations import squared_residuals
         from gtsam_nav.graph._echo_kernel import (
-            accumulate,
             fixed_points,
             grid,
             local_lines,
             partners,
-            squared_residuals,
+            sorted_by_x,
         )
 
-        xy, arms, cov = self._place(knots)
+        placed = self._place(knots)
+        xy, cov = placed.xy, placed.cov
         s = self.settings
-        normal, is_line = local_lines(xy, self.scan_first, s.line_radius_m, s.line_thickness_m)
-        vehicle = knots[self._scan_knot, :2]
+        by_x = sorted_by_x(xy, self.scan, self.scan_first)
+        normal, is_line = local_lines(by_x, s.line_radius_m, s.line_thickness_m)
         eligible = is_line | fixed_points(
             xy, grid(xy, s.point_radius_m), normal, is_line, s.point_radius_m
         )
-        i, j = partners(
-            xy,
-            grid(xy, gate),
-            self.scan,
-            len(vehicle),
-            vehicle,
-            s.neighbour_radius_m,
-            gate,
-            normal,
-            is_line,
-            eligible,
-        )
-        i, j = self._keep_trusted_points(i, j, is_line)
-        d2 = squared_residuals(i, j, xy, cov, normal, is_line)
-        weight = self._weights(i, d2, is_line)
+        i, j, first = partners(pairs.scans, by_x, gate, normal, is_line, eligible)
+        i, j, first = self._keep_trusted_points(i, j, first, is_line)
+        weight = self._weights(i, squared_residuals(i, j, xy, cov, normal, is_line), is_line)
         if self._rounds % SHARED_ERROR_EVERY == 0:
+            vehicle = knots[self._scan_knot, :2]
             self._excess = self._shared_error(i, j, xy, vehicle, normal, is_line)
         self._rounds += 1
         weight /= self._excess
-        intervals, block = np.unique(
-            self.knots.knot[i] * len(knots) + self.knots.knot[j], return_inverse=True
-        )
-        A, g = accumulate(
-            i, j, block, len(intervals), xy, arms, cov, normal, is_line, self.knots.fraction, weight
-        )
-        return _assemble(intervals // len(knots), intervals % len(knots), A, g, len(knots))
+        return pairs.normal_equations(i, j, first, placed, normal, is_line, weight)
 
-    def _place(self, knots: Array) -> tuple[Array, Array, Array]:
+    def _place(self, knots: Array) -> PlacedEchoes:
         """Echoes in the navigation frame, their arms from the knots, and covariances.
 
         Each of the two knots carries the motion's path to the echo along, turned by its own
@@ -268,19 +264,18 @@ class JointRefinement:
             arms[:, end] = np.einsum("kij,kj->ki", planar_rotations(turn[k + end]), path)
         arms += from_vehicle[:, None]
         xy = (1 - f) * (knots[k, :2] + arms[:, 0]) + f * (knots[k + 1, :2] + arms[:, 1])
-        return xy, arms, B @ self.cov_b @ np.swapaxes(B, 1, 2)
+        cov = B @ self.cov_b @ np.swapaxes(B, 1, 2)
+        return PlacedEchoes(xy, arms, cov, self.knots.fraction)
 
     def _keep_trusted_points(
-        self, i: IntArray, j: IntArray, is_line: BoolArray
-    ) -> tuple[IntArray, IntArray]:
-        """Off the walls only mutual choices count, and only places that several scans saw."""
-        from gtsam_nav.graph._echo_kernel import mutual
+        self, i: IntArray, j: IntArray, first: IntArray, is_line: BoolArray
+    ) -> tuple[IntArray, IntArray, IntArray]:
+        """Off the walls only places that several scans saw count."""
+        from gtsam_nav.graph._echo_kernel import kept
 
-        keep = is_line[i] | mutual(i, j, self.scan, len(self.scan))
-        i, j = i[keep], j[keep]
         seen = np.bincount(i, minlength=len(self.scan)) >= self.settings.min_sightings
         keep = is_line[i] | (seen[i] & seen[j])
-        return i[keep], j[keep]
+        return i[keep], j[keep], kept(keep, first)
 
     def _weights(self, i: IntArray, d2: Array, is_line: BoolArray) -> Array:
         """Cauchy weights in units of the spread found, shared among an echo's many partners."""
@@ -304,7 +299,7 @@ class JointRefinement:
         Motion within the scan and the beam's shape displace neighbouring echoes alike; this many
         of them are worth one independent echo.
         """
-        from gtsam_nav.graph._echo_kernel import correlation_excess
+        from gtsam_nav.graph._echo_equations import correlation_excess
 
         walls = np.flatnonzero(is_line[i])
         if len(walls) == 0:
@@ -317,18 +312,3 @@ class JointRefinement:
         residual = np.einsum("ki,ki->k", side * normal[b], xy[a] - xy[b])
         clip = 3.0 * 1.4826 * float(np.median(np.abs(residual)))
         return float(correlation_excess(residual, normal[a], np.sort(run), clip, MAX_LAG))
-
-
-def _assemble(a: IntArray, b: IntArray, A: Array, g: Array, n_knots: int) -> tuple[Array, Array]:
-    """Blocks over (a, a + 1, b, b + 1) summed into one matrix over all knots."""
-    from scipy.sparse import coo_array
-
-    knots = np.stack([a, a + 1, b, b + 1], axis=1)
-    columns = (3 * knots[:, :, None] + np.arange(3)).reshape(len(a), 12)
-    rows = np.repeat(columns, 12, axis=1).ravel()
-    size = 3 * n_knots
-    information = coo_array(
-        (A.ravel(), (rows, np.tile(columns, (1, 12)).ravel())), shape=(size, size)
-    )
-    gradient = np.bincount(columns.ravel(), g.ravel(), minlength=size)
-    return np.asarray(information.toarray()), np.asarray(gradient, dtype=float)

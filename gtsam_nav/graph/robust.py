@@ -27,6 +27,11 @@ THRESHOLDS: Mapping[KernelName, float] = {
 of Gaussian noise, ``E[psi']^2 / E[psi^2]`` (Huber 1964)."""
 
 
+CUTTING: tuple[KernelName, ...] = ("geman_mcclure", "dcs", "tukey", "tls")
+"""Kernels that leave a large residual next to nothing: where a solve starts, far from where it
+ends, they would cut off what is good."""
+
+
 class Robustness(Settings):
     """The m-estimator on a sensor's whitened residuals.
 
@@ -48,6 +53,15 @@ class Robustness(Settings):
     def scale(self) -> float:
         """The threshold, whether stated or the default."""
         return self.threshold or self.TUNED.get(self.kernel, THRESHOLDS[self.kernel])
+
+    @property
+    def at_first(self) -> Robustness:
+        """What stands in while the solution is still far: Cauchy's kernel for one that cuts.
+
+        It gives nothing up for good, and its solution is near enough for the other: two steps of
+        graduated non-convexity (Yang, Antonante, Tzoumas and Carlone 2020).
+        """
+        return Robustness(kernel="cauchy") if self.kernel in CUTTING else self
 
 
 class GatedRobustness(Robustness):
@@ -115,6 +129,18 @@ class RobustSettings(Settings):
     depth: GatedRobustness = GatedRobustness()
     landmarks: SightingRobustness = SightingRobustness()
     loops: LoopRobustness = LoopRobustness()
+
+    @property
+    def at_first(self) -> RobustSettings:
+        """With every kernel as it is at first, and every gate as it is."""
+        kernels = {
+            name: getattr(self, name).model_copy(
+                update={"kernel": first.kernel, "threshold": first.threshold}
+            )
+            for name in type(self).model_fields
+            if (first := getattr(self, name).at_first) is not getattr(self, name)
+        }
+        return self.model_copy(update=kernels)
 
 
 def check_sigmas(mission: Mission, robust: RobustSettings) -> None:

@@ -1,8 +1,7 @@
-"""What the sensors other than the sonar say about the planar keyframe poses, as one Gaussian.
+"""What the sensors other than the sonar say about the trajectory, as one Gaussian.
 
-The sonar couples north, east and yaw of keyframes that are far apart in time, which fills a sparse
-solver's factors. All else is a chain. So the chain is solved sparsely, its planar marginal is kept
-dense, the sonar's information is added there, and the rest of the state follows from it.
+The graph is linearised once; the constant errors of the sensors, which are none of its variables,
+are marginalised out of it.
 """
 
 from __future__ import annotations
@@ -22,96 +21,48 @@ from gtsam_nav.series import IntArray
 
 CALIBRATION = ("scale", "misalignment_rad")
 """The constant errors of the sensor of the velocity."""
+COLUMNS_AT_ONCE = 300
+"""Of a covariance: all of them take the memory of the mission's length squared."""
 
 
 @dataclass(frozen=True)
-class CalibrationPart:
-    """Constant errors of the sensors, marginalised out of the trajectory.
+class Constants:
+    """Constant errors of the sensors: estimate and covariance, shapes (p,) and (p, p).
 
     They are scale and misalignment of the velocity, the problem's other constants, and its timing
-    errors (what is left of them); p in all.
-
-    Attributes
-    ----------
-    mean, cov : ndarray, shapes (p,) and (p, p)
-        Their estimate by the sensors other than the sonar.
-    cross : ndarray, shape (p, m)
-        Covariance with the planar poses.
-    spread : ndarray, shape (N, p)
-        Its product with its transpose is what they add to the covariance of all variables.
+    errors (what is left of them).
     """
 
     mean: Array
     cov: Array
-    cross: Array
-    spread: Array
 
 
 @dataclass(frozen=True)
-class SensorPosterior:
-    """Gaussian of a linearised graph, reduced to the planar poses of some keyframes.
+class LinearSystem:
+    """Normal equations of a linearised graph, and of the constant errors D beside its variables.
+
+    ``H x + h D = g`` and ``h' x + h_dd D = g_d``, the errors' prior included.
 
     Attributes
     ----------
     values : gtsam.Values
         Where the graph was linearised.
     columns : dict of int to slice
-        Where each variable stands in a step.
-    mean : ndarray, shape (N,)
-        Step of all variables to the sensors' own optimum.
-    planar_mean : ndarray, shape (m,)
-        The same for (dn, de, dyaw) of the keyframes asked for.
-    cross : ndarray, shape (N, m)
-        Covariance of all variables with the planar ones.
-    planar_cov : ndarray, shape (m, m)
-    calibration : CalibrationPart
-        What the velocity's constant errors add to all of these (they already contain it).
+        Where each variable's free part stands in a step.
+    H : scipy.sparse.csc_array, shape (N, N)
+    g, h, h_dd, g_d : ndarray, shapes (N,), (N, p), (p, p) and (p,)
     """
 
     values: Any
     columns: dict[int, slice]
-    mean: Array
-    planar_mean: Array
-    cross: Array
-    planar_cov: Array
-    calibration: CalibrationPart
-
-    def step_given(self, planar: Array) -> Array:
-        """Step of all variables, shape (N,), once the planar ones are known."""
-        from scipy.linalg import cho_factor, cho_solve
-
-        gain = cho_solve(cho_factor(self.planar_cov), planar - self.planar_mean)
-        return np.asarray(self.mean + self.cross @ gain)
-
-    def taken_by(self, A: Array) -> Array:
-        """``W = A - A (P_p^-1 + A)^-1 A``: information A on the planar poses takes ``C W C'`` off a
-        covariance whose cross covariance with them is C."""
-        if not np.any(A):
-            return np.zeros_like(self.planar_cov)
-        total = np.linalg.inv(self.planar_cov) + A
-        W = A - A @ np.linalg.solve(total, A)
-        return np.asarray(0.5 * (W + W.T))
-
-    def constants_given(self, planar: Array, A: Array) -> tuple[Array, Array]:
-        """Constant errors and their covariance once the planar poses are known.
-
-        Parameters
-        ----------
-        planar : ndarray, shape (m,)
-            Their step, as for `step_given`.
-        A : ndarray, shape (m, m)
-            The information on them that this step rests on beside the sensors'.
-        """
-        part = self.calibration
-        if not len(planar):
-            return part.mean, part.cov
-        gain = np.linalg.solve(self.planar_cov, planar - self.planar_mean)
-        return part.mean + part.cross @ gain, part.cov - part.cross @ self.taken_by(
-            A
-        ) @ part.cross.T
+    H: Any
+    g: Array
+    h: Array
+    h_dd: Array
+    g_d: Array
 
     def retracted(self, step: Array) -> Any:
-        """Values after a step."""
+        """Values after a step, shape (N,)."""
         delta = gtsam.VectorValues()
         for key, own in self.columns.items():
             width, free = _tangent(key)
@@ -121,68 +72,123 @@ class SensorPosterior:
         return self.values.retract(delta)
 
 
-def sensor_posterior(
-    graph: Any, values: Any, keyframes: IntArray, problem: Problem
-) -> SensorPosterior:
-    """Linearise a graph and reduce it to the planar poses of given keyframes.
+def constants_given(system: LinearSystem, left: Array, x: Array, U: Array) -> Constants:
+    """Constant errors by the Schur complement in them.
 
-    The graph begins with the problem's own factors in their order, and the readings in use.
+    The step of all variables is then ``H^-1 g - H^-1 h mean``; its covariance grows by
+    ``H^-1 h cov h' H^-1``.
 
-    The constant errors D of the sensors are no variables of the graph: with h their coupling to its
-    variables, ``H x + h D = g`` and ``h' x + (h_DD + Sigma_D^-1) D = g_D`` are solved by the Schur
-    complement in D, a correction of their number's rank.
-
-    Raises
-    ------
-    EstimationError
-        Where the graph does not determine its variables.
+    Parameters
+    ----------
+    left, x, U : ndarray, shapes (N, p), (N,) and (N, p)
+        Of which ``left' x = h' H^-1 g`` and ``left' U = h' H^-1 h``.
     """
+    cov: Array = np.linalg.inv(system.h_dd - left.T @ U).astype(float)
+    return Constants(cov @ (system.g_d - left.T @ x), cov)
+
+
+def linearised(graph: Any, values: Any, problem: Problem) -> LinearSystem:
+    """Linearise a graph that begins with the problem's own factors in their order, and the
+    readings in use."""
     from scipy.sparse import csc_array
-    from scipy.sparse.linalg import splu
 
     columns, free = _columns(values)
-    n = len(free)
     i, j, s = graph.linearize(values).sparseJacobian_()
     entries = (s, (i.astype(np.int64) - 1, j.astype(np.int64) - 1))
     # rows of zeros at the end have no entry
     rows = sum(graph.at(f).dim() for f in range(graph.size()))
     augmented = csc_array(entries, shape=(rows, int(j.max())))
     jacobian, b = augmented[:, free], augmented[:, [-1]].toarray()[:, 0]
-    order = _order_in_time(columns)
-    H = (jacobian.T @ jacobian).tocsc()[order][:, order]
+    effect, precision, prior_mean = _constant_errors(problem, values, rows)
+    return LinearSystem(
+        values=values,
+        columns=columns,
+        H=(jacobian.T @ jacobian).tocsc(),
+        g=jacobian.T @ b,
+        h=jacobian.T @ effect,
+        h_dd=effect.T @ effect + np.diag(precision),
+        g_d=effect.T @ b + precision * prior_mean,
+    )
+
+
+@dataclass(frozen=True)
+class SensorPosterior:
+    """Gaussian of a linearised graph.
+
+    Attributes
+    ----------
+    system : LinearSystem
+    step : ndarray, shape (N,)
+        Of all variables to the optimum.
+    constants : Constants
+    spread : ndarray, shape (N, p)
+        Its product with its transpose is what the constant errors add to the covariance of all
+        variables.
+    planar_cov : ndarray, shape (3 m, 3 m)
+        Of (dn, de, dyaw) of the keyframes asked for, constant errors included.
+    """
+
+    system: LinearSystem
+    step: Array
+    constants: Constants
+    spread: Array
+    planar_cov: Array
+
+    def moved(self) -> Any:
+        """Values at the optimum."""
+        return self.system.retracted(self.step)
+
+
+def sensor_posterior(
+    graph: Any, values: Any, keyframes: IntArray, problem: Problem
+) -> SensorPosterior:
+    """Gaussian of a graph (see `linearised`) and the planar poses of given keyframes.
+
+    Raises
+    ------
+    EstimationError
+        Where the graph does not determine its variables.
+    """
+    from scipy.sparse.linalg import splu
+
+    system = linearised(graph, values, problem)
+    order = _order_in_time(system.columns)
+    H = system.H[order][:, order]
     try:
         factor = splu(
             H, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
         )
     except RuntimeError as error:
         raise EstimationError("the sensors do not determine the trajectory") from error
-    selection = np.zeros((n, 3 * len(keyframes)))
+
+    def solved(right: Array) -> Array:
+        out = np.empty_like(right)
+        out[order] = factor.solve(right[order])
+        return out
+
+    x, U = solved(system.g), solved(system.h)
+    constants = constants_given(system, system.h, x, U)
+    spread = np.asarray(U @ np.linalg.cholesky(constants.cov))
+    selection = _planar_selection(system, keyframes)
+    planar_cov = np.empty((selection.shape[1],) * 2)
+    for first in range(0, selection.shape[1], COLUMNS_AT_ONCE):
+        some = slice(first, first + COLUMNS_AT_ONCE)
+        planar_cov[:, some] = selection.T @ solved(selection[:, some].toarray())
+    planar_spread = selection.T @ spread
+    planar_cov += planar_spread @ planar_spread.T
+    planar_cov = 0.5 * (planar_cov + planar_cov.T)
+    return SensorPosterior(system, x - U @ constants.mean, constants, spread, planar_cov)
+
+
+def _planar_selection(system: LinearSystem, keyframes: IntArray) -> Any:
+    """Derivative of (dn, de, dyaw) of some keyframes in a step, transposed; shape (N, 3 m)."""
+    from scipy.sparse import csc_array, lil_array
+
+    selection = lil_array((len(system.g), 3 * len(keyframes)))
     for m, k in enumerate(keyframes.tolist()):
-        R_nb = values.atNavState(X(k)).attitude().matrix()
-        selection[columns[X(k)], 3 * m : 3 * m + 3] = planar_rows(R_nb).T
-    effect, precision, prior_mean = _constant_errors(problem, values, rows)
-    h, h_dd, g_d = jacobian.T @ effect, effect.T @ effect, effect.T @ b
-    mean, cross, U = np.empty(n), np.empty_like(selection), np.empty_like(h)
-    mean[order] = factor.solve((jacobian.T @ b)[order])
-    cross[order] = factor.solve(selection[order])
-    U[order] = factor.solve(h[order])
-    cov_d: Array = np.linalg.inv(np.diag(precision) + h_dd - h.T @ U).astype(float)
-    mean_d = cov_d @ (precision * prior_mean + g_d - h.T @ mean)
-    mean -= U @ mean_d
-    cross_d = -cov_d @ (U.T @ selection)
-    cross -= U @ cross_d
-    planar_cov = selection.T @ cross
-    return SensorPosterior(
-        values=values,
-        columns=columns,
-        mean=mean,
-        planar_mean=selection.T @ mean,
-        cross=cross,
-        planar_cov=0.5 * (planar_cov + planar_cov.T),
-        calibration=CalibrationPart(
-            mean_d, cov_d, cross_d, np.asarray(U @ np.linalg.cholesky(cov_d))
-        ),
-    )
+        R_nb = system.values.atNavState(X(k)).attitude().matrix()
+        selection[system.columns[X(k)], 3 * m : 3 * m + 3] = planar_rows(R_nb).T
+    return csc_array(selection)
 
 
 def _constant_errors(problem: Problem, values: Any, rows: int) -> tuple[Array, Array, Array]:
@@ -259,15 +265,18 @@ def _columns(values: Any) -> tuple[dict[int, slice], IntArray]:
     return columns, np.concatenate(kept)
 
 
+def keyframe_of(key: int) -> int:
+    """Keyframe that a variable belongs to; beyond all of them for what belongs to none."""
+    symbol = gtsam.Symbol(key)
+    if chr(symbol.chr()) in "ls":
+        return RECEIVER_STRIDE
+    return int(symbol.index()) % RECEIVER_STRIDE
+
+
 def _order_in_time(columns: dict[int, slice]) -> IntArray:
     """Columns with all variables of a keyframe together: the chain's factors then stay narrow.
 
     Landmarks and range scales, which tie keyframes of all times, come last.
     """
-
-    def place(key: int) -> tuple[bool, int, int]:
-        symbol = gtsam.Symbol(key)
-        return chr(symbol.chr()) in "ls", symbol.index() % RECEIVER_STRIDE, key
-
-    by_time = sorted(columns, key=place)
+    by_time = sorted(columns, key=lambda key: (keyframe_of(key), key))
     return np.concatenate([np.arange(columns[key].start, columns[key].stop) for key in by_time])

@@ -21,6 +21,9 @@ class LoopSettings(Settings):
         Nearer scans in time are not loops.
     max_candidates : int
         Nearest candidates registered a scan.
+    max_searches : int
+        Scans that look for candidates: those of a longer mission do at even intervals, since each
+        search costs in proportion to the mission's length.
     consistency_probability : float or None
         Closures enter the final solution as the largest set of which each pair, with what all other
         sensors say, passes a chi-square test of this probability; None lets all enter.
@@ -32,6 +35,7 @@ class LoopSettings(Settings):
     radius_m: float = Field(default=15.0, gt=0)
     min_separation_s: float = Field(default=60.0, ge=0)
     max_candidates: int = Field(default=2, ge=1)
+    max_searches: int = Field(default=100, ge=1)
     consistency_probability: float | None = Field(default=0.9999, gt=0, lt=1)
     arbiter: Literal["none", "gnc"] = "none"
     arbiter_probability: float = Field(default=0.999, gt=0, lt=1)
@@ -56,6 +60,27 @@ class CloudLoopSettings(Settings):
     max_candidates: int = Field(default=1, ge=1)
 
 
+class SubmapLoopSettings(Settings):
+    """Loops of a scanner whose scans are taken at once: between submaps, the scans of a stretch.
+
+    Attributes
+    ----------
+    reach_m : float
+        A submap holds the scans so far along the track to either side of its own.
+    spacing_m : float
+        Along the track, from one submap to the next.
+    radius_m : float
+        Submaps whose estimated distance, less two standard deviations, is smaller are candidates.
+    max_candidates : int
+        Nearest passages that a submap is registered to.
+    """
+
+    reach_m: float = Field(default=8.0, gt=0)
+    spacing_m: float = Field(default=3.0, gt=0)
+    radius_m: float = Field(default=3.0, gt=0)
+    max_candidates: int = Field(default=4, ge=1)
+
+
 class RefinementSettings(Settings):
     """Joint registration of all echoes, each at its own beam's time.
 
@@ -67,6 +92,8 @@ class RefinementSettings(Settings):
         Stop where no keyframe moves further in an iteration.
     neighbour_radius_m : float
         Scans taken further apart are not compared.
+    max_neighbours : int
+        Scans that each is compared with at most: the nearest of each passage first.
     first_gate_m, last_gate_m, gate_factor : float
         Partners are sought within a distance that shrinks by a factor each iteration.
     line_radius_m, line_thickness_m : float
@@ -79,8 +106,9 @@ class RefinementSettings(Settings):
     """
 
     max_iterations: int = Field(default=40, ge=0)
-    converged_m: float = Field(default=0.01, gt=0)
+    converged_m: float = Field(default=0.03, gt=0)
     neighbour_radius_m: float = Field(default=30.0, gt=0)
+    max_neighbours: int = Field(default=30, ge=2)
     first_gate_m: float = Field(default=3.0, gt=0)
     last_gate_m: float = Field(default=1.0, gt=0)
     gate_factor: float = Field(default=0.85, gt=0, le=1)
@@ -117,5 +145,6 @@ class GraphSettings(Settings):
     keyframes_per_update: int = Field(default=3, ge=1)
     robust: RobustSettings = RobustSettings()
     loops: LoopSettings = LoopSettings()
+    submap_loops: SubmapLoopSettings = SubmapLoopSettings()
     cloud_loops: CloudLoopSettings = CloudLoopSettings()
     refinement: RefinementSettings = RefinementSettings()

@@ -13,7 +13,7 @@ rejection and for re-admission.
 from __future__ import annotations
 
 import logging
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,7 +25,7 @@ from gtsam_nav.graph import factors
 from gtsam_nav.graph.backend import Covariances, solve_batch
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.problem import Problem, Reading, SensorFactor
-from gtsam_nav.graph.robust import Robustness
+from gtsam_nav.graph.robust import CUTTING, Robustness
 from gtsam_nav.mission import Rejection
 from gtsam_nav.sensors.prediction import chi2_limit
 from gtsam_nav.series import BoolArray
@@ -33,7 +33,7 @@ from gtsam_nav.series import BoolArray
 log = logging.getLogger(__name__)
 
 START = Robustness(kernel="cauchy")
-"""Of gated readings in the robust start's last solve."""
+"""Of doubted readings in the robust start's last solve: gated ones, and those whose kernel cuts."""
 TRUSTED = ("velocity",)
 """Least squares in the robust start: where the vehicle's motion may break, outliers break it."""
 NARROWING = 4.0
@@ -85,7 +85,7 @@ def settle(problem: Problem, entries: Sequence[SensorFactor], values: Any) -> Se
     values : gtsam.Values
         Start.
     """
-    estimate, used = _Batch(problem, entries, TRUSTED).robust_start(values)
+    estimate, used = _Batch(problem, entries, at_first=True).robust_start(values)
     batch = _Batch(problem, entries)
     changed, rounds = True, 0
     while changed and rounds < MAX_ROUNDS:
@@ -121,17 +121,20 @@ class _Estimate:
 
 
 class _Batch:
-    """A problem with all of its readings."""
+    """A problem with all of its readings; ``at_first`` under the kernels of a robust start."""
 
     def __init__(
-        self, problem: Problem, entries: Sequence[SensorFactor], trusted: Collection[str] = ()
+        self, problem: Problem, entries: Sequence[SensorFactor], *, at_first: bool = False
     ) -> None:
         self.problem = problem
         self.graph = gtsam.NonlinearFactorGraph()
         for entry in entries:
-            self.graph.push_back(entry.gaussian if entry.sensor in trusted else entry.factor)
+            start = entry.gaussian if entry.sensor in TRUSTED else entry.at_first
+            self.graph.push_back(start if at_first else entry.factor)
         self.readings = [reading for brought in problem.readings for reading in brought]
         self.gated = np.array([reading.is_gated for reading in self.readings], dtype=bool)
+        cuts = np.array([r.robustness.kernel in CUTTING for r in self.readings], dtype=bool)
+        self.doubted = self.gated | cuts
         self.limit = np.full(len(self.readings), np.inf)
 
     def at(self, values: Any) -> _Estimate:
@@ -139,23 +142,25 @@ class _Batch:
         made = [reading.make(values.atNavState) for reading in self.readings]
         return _Estimate(values, made)
 
-    def factors(self, estimate: _Estimate, used: BoolArray, gated: Robustness | None = None) -> Any:
-        """Factors of used readings under their own kernels, or the gated ones under another."""
+    def factors(
+        self, estimate: _Estimate, used: BoolArray, doubted: Robustness | None = None
+    ) -> Any:
+        """Factors of used readings under their own kernels, or the doubted ones under another."""
         graph = gtsam.NonlinearFactorGraph()
         for i in np.flatnonzero(used).tolist():
-            graph.push_back(factors.robust(estimate.made[i], self._robustness(i, gated)))
+            graph.push_back(factors.robust(estimate.made[i], self._robustness(i, doubted)))
         return graph
 
     def weights(
-        self, estimate: _Estimate, used: BoolArray, gated: Robustness | None = None
+        self, estimate: _Estimate, used: BoolArray, doubted: Robustness | None = None
     ) -> Array:
         """Weight of each reading in such a solution: zero for what is not used."""
         norms = np.sqrt(estimate.squared).tolist()
-        weights = [factors.weight(self._robustness(i, gated), e) for i, e in enumerate(norms)]
+        weights = [factors.weight(self._robustness(i, doubted), e) for i, e in enumerate(norms)]
         return np.asarray(used * np.array(weights))
 
-    def _robustness(self, i: int, gated: Robustness | None) -> Robustness:
-        return gated if gated is not None and self.gated[i] else self.readings[i].robustness
+    def _robustness(self, i: int, doubted: Robustness | None) -> Robustness:
+        return doubted if doubted is not None and self.doubted[i] else self.readings[i].robustness
 
     def robust_start(self, values: Any) -> tuple[_Estimate, BoolArray]:
         """Solve under a Cauchy kernel that narrows from a width that lets every reading in.
@@ -168,7 +173,7 @@ class _Batch:
         """
         estimate = self.at(values)
         everything = np.ones(len(self.readings), dtype=bool)
-        scale = float(np.sqrt(np.max(estimate.squared[self.gated], initial=0.0)))
+        scale = float(np.sqrt(np.max(estimate.squared[self.doubted], initial=0.0)))
         while True:
             scale = max(START.scale, scale / NARROWING)
             kernel = START.model_copy(update={"threshold": scale})
@@ -189,25 +194,27 @@ class _Batch:
         return estimate
 
     def _solved_once(
-        self, estimate: _Estimate, used: BoolArray, gated: Robustness | None = None
+        self, estimate: _Estimate, used: BoolArray, doubted: Robustness | None = None
     ) -> _Estimate:
         for k in range(1, len(self.problem.t)):
             self.problem.set_gravity(k, estimate.values.atNavState(X(k - 1)))
         whole = gtsam.NonlinearFactorGraph(self.graph)
-        whole.push_back(self.factors(estimate, used, gated))
+        whole.push_back(self.factors(estimate, used, doubted))
         return self.at(solve_batch(whole, estimate.values, self.problem.is_stiff))
 
     def _positions(self, values: Any) -> Array:
         return np.array([values.atNavState(X(k)).position() for k in range(len(self.problem.t))])
 
-    def judged(self, estimate: _Estimate, weight: Array, gated: Robustness | None = None) -> Array:
+    def judged(
+        self, estimate: _Estimate, weight: Array, doubted: Robustness | None = None
+    ) -> Array:
         """Squared normalised residual of each gated reading by all others; fills in the limits.
 
         Where the residual alone decides, the prediction's covariance is not computed: it can only
         raise that of a reading in use, and lower that of another.
         """
         whole = gtsam.NonlinearFactorGraph(self.graph)
-        whole.push_back(self.factors(estimate, weight > 0, gated))
+        whole.push_back(self.factors(estimate, weight > 0, doubted))
         covariances = Covariances(whole, estimate.values, self.problem.is_stiff)
         squared = np.zeros(len(self.readings))
         for i in np.flatnonzero(self.gated).tolist():

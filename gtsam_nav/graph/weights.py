@@ -3,28 +3,54 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.problem import Problem, Reading, SensorFactor
+from gtsam_nav.mission import Rejection
 from gtsam_nav.solution import RobustWeights
 
-FEWEST, CONTRADICTION = 20, 3.0
-"""So many measurements whose median lies at so many standard deviations are not merely noisy."""
 
-_Weighed = tuple[str, str, float, float, float]
-"""Sensor, kernel, time, normalised residual and weight."""
+@dataclass(frozen=True, slots=True)
+class Weighed:
+    """A measurement at the solution.
+
+    Attributes
+    ----------
+    sensor, kind : str
+        ``kind`` tells apart what one sensor measures.
+    index : int
+        As in `Rejection`; of what rests on many samples, its keyframe.
+    kernel : str
+    doubted : bool
+        Whether it stands under a kernel or a gate.
+    used : bool
+        Whether the gate let it in.
+    t, residual, weight : float
+        Time, residual in standard deviations, and the share of its information that counts.
+    """
+
+    sensor: str
+    kind: str
+    index: int
+    kernel: str
+    doubted: bool
+    used: bool
+    t: float
+    residual: float
+    weight: float
 
 
-def robust_weights(
+def weighed(
     problem: Problem,
     matches: Sequence[tuple[float, SensorFactor]],
     used: Collection[Reading],
     values: Any,
-) -> dict[str, RobustWeights]:
-    """Weights by sensor of all that stands under a kernel or a gate.
+) -> list[Weighed]:
+    """All measurements that can be told from what is merely known beforehand.
 
     Parameters
     ----------
@@ -35,58 +61,67 @@ def robust_weights(
     values : gtsam.Values
         The solution.
     """
-    rows: dict[str, list[_Weighed]] = {}
-    for row in _all_weighed(problem, matches, {id(reading) for reading in used}, values):
-        rows.setdefault(row[0], []).append(row)
-    weights = {}
-    for sensor, own in rows.items():
-        t, residual, weight = np.array([row[2:] for row in own]).T
-        order = np.argsort(t, kind="stable")
-        kernels = ", ".join(dict.fromkeys(row[1] for row in own))
-        weights[sensor] = RobustWeights(kernels, t[order], residual[order], weight[order])
-    return weights
+    believed = {id(reading) for reading in used}
+    rows = list(_of_entries(problem, matches, values))
+    for reading in (reading for brought in problem.readings for reading in brought):
+        e, kernel = _norm(reading.make(values.atNavState), values), reading.robustness.kernel
+        is_used = id(reading) in believed
+        rows.append(
+            Weighed(
+                reading.sensor,
+                reading.reason,
+                reading.index,
+                kernel,
+                reading.is_gated or kernel != "none",
+                is_used,
+                reading.t,
+                e,
+                factors.weight(reading.robustness, e) if is_used else 0.0,
+            )
+        )
+    return rows
 
 
-def _all_weighed(
-    problem: Problem,
-    matches: Sequence[tuple[float, SensorFactor]],
-    used: set[int],
-    values: Any,
-) -> Iterator[_Weighed]:
-    entries = [
-        (float(problem.t[k]), entry)
+def _of_entries(
+    problem: Problem, matches: Sequence[tuple[float, SensorFactor]], values: Any
+) -> Iterator[Weighed]:
+    timed = [
+        (float(problem.t[k]), k, entry)
         for k, brought in enumerate(problem.factors)
         for entry in brought
     ]
-    for t, entry in (*entries, *matches):
-        if entry.robustness.kernel != "none":
-            e, weight = _norm(entry.gaussian, values), entry.weight_at(values)
-            yield entry.sensor, entry.robustness.kernel, t, e, weight
-    for brought in problem.readings:
-        for reading in brought:
-            if reading.is_gated or reading.robustness.kernel != "none":
-                e = _norm(reading.make(values.atNavState), values)
-                weight = factors.weight(reading.robustness, e) if id(reading) in used else 0.0
-                yield reading.sensor, reading.robustness.kernel, reading.t, e, weight
+    timed += [(t, -1, entry) for t, entry in matches]  # these have an index
+    for t, k, entry in timed:
+        kernel = entry.robustness.kernel
+        if kernel == "none" and entry.index is None:
+            continue
+        e, weight = _norm(entry.gaussian, values), entry.weight_at(values)
+        index = k if entry.index is None else entry.index
+        yield Weighed(entry.sensor, "", index, kernel, kernel != "none", True, t, e, weight)
 
 
 def _norm(factor: Any, values: Any) -> float:
     return float(np.linalg.norm(factor.whitenedError(values)))
 
 
-def contradictions(weights: dict[str, RobustWeights]) -> Iterator[str]:
-    """Warnings of sensors that most of the time say something else than the solution."""
-    for sensor, own in weights.items():
-        if len(own.t) < FEWEST:
-            continue
-        rejected, median = int(np.sum(own.weight == 0.0)), float(np.median(own.residual))
-        if 2 * rejected > len(own.t):
-            yield (
-                f"'{sensor}' and the other sensors contradict each other: {rejected} of"
-                f" {len(own.t)} measurements were left out"
-            )
-        elif median > CONTRADICTION:
-            yield (
-                f"'{sensor}' and the other sensors contradict each other: half of its residuals"
-                f" are above {median:.1f} standard deviations"
-            )
+def robust_weights(rows: Sequence[Weighed]) -> dict[str, RobustWeights]:
+    """Weights by sensor of all that stands under a kernel or a gate."""
+    by_sensor: dict[str, list[Weighed]] = {}
+    for row in rows:
+        if row.doubted:
+            by_sensor.setdefault(row.sensor, []).append(row)
+    weights = {}
+    for sensor, own in by_sensor.items():
+        t, residual, weight = np.array([(row.t, row.residual, row.weight) for row in own]).T
+        order = np.argsort(t, kind="stable")
+        kernels = ", ".join(dict.fromkeys(row.kernel for row in own))
+        weights[sensor] = RobustWeights(kernels, t[order], residual[order], weight[order])
+    return weights
+
+
+def weightless(rows: Sequence[Weighed]) -> Iterator[Rejection]:
+    """What passed its gate, or has none, and was then left nothing by its kernel."""
+    for row in rows:
+        if row.used and row.weight == 0.0:
+            reason = f"no weight under its kernel ({row.kernel})"
+            yield Rejection(row.t, row.sensor, row.index, reason, row.residual)

@@ -9,8 +9,10 @@ import numpy as np
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission, Sensor
+from gtsam_nav.preprocess.inertial_path import inertial_path
+from gtsam_nav.preprocess.landmark_drift import of_odometry
 from gtsam_nav.preprocess.landmark_hypotheses import Sighted, explained
-from gtsam_nav.preprocess.planar_motion import PlanarMotion, planar_motion
+from gtsam_nav.preprocess.planar_motion import planar_motion
 from gtsam_nav.preprocess.planar_smoothing import SightedPoints
 from gtsam_nav.preprocess.settings import MotionSettings
 from gtsam_nav.preprocess.tracklets import noise_found
@@ -37,7 +39,8 @@ def identified(mission: Mission, motion: MotionSettings, settings: LandmarkSetti
     Parameters
     ----------
     mission : Mission
-        With one sensor of landmarks, that measures range and bearing, and with a DVL or odometry.
+        With one sensor of landmarks, that measures range and bearing, and with a DVL, odometry or
+        an IMU that starts at rest.
     motion : MotionSettings
     settings : LandmarkSettings
         How landmarks are told apart.
@@ -50,40 +53,47 @@ def identified(mission: Mission, motion: MotionSettings, settings: LandmarkSetti
     sensors = mission.of_type("landmarks")
     if not sensors:
         return mission
-    dead_reckoned = planar_motion(mission, motion, readings_suffice=True)
-    if len(sensors) > 1 or dead_reckoned is None:
-        lacks = "a DVL or odometry" if dead_reckoned is None else "a single sensor of landmarks"
+    if len(sensors) > 1:
         raise DataError(
-            f"mission '{mission.name}': landmarks.association={settings.association} needs {lacks}"
+            f"mission '{mission.name}': landmarks.association={settings.association} needs a single"
+            f" sensor of landmarks; there are {', '.join(s.name for s in sensors)}. The other"
+            " choice is landmarks.association=ids"
         )
     sensor = sensors[0]
     assert isinstance(sensor.series, LandmarkSeries)
-    ids = _ids(sensor, dead_reckoned, settings)
+    most = HYPOTHESES if settings.association == "joint" else 1
+    gate = chi2_limit(settings.gate_probability, 2)
+    ids = _numbered(explained(_drive(mission, sensor, motion), most, gate).landmark)
     mission = mission.with_sensor(replace(sensor, series=replace(sensor.series, id=ids)))
     if mission.landmark_map is None or not settings.use_map:
         return mission
     return replace(mission, landmark_map=None, warnings=(*mission.warnings, NO_MAP))
 
 
-def _ids(sensor: Sensor, motion: PlanarMotion, settings: LandmarkSettings) -> IntArray:
-    series = sensor.series
+def _drive(mission: Mission, sensor: Sensor, settings: MotionSettings) -> Sighted:
+    """The drive as it was dead-reckoned, by inertial readings where nothing measures the speed."""
+    motion, series = planar_motion(mission, settings, readings_suffice=True), sensor.series
     assert isinstance(series, LandmarkSeries)
+    inertial = None
+    if motion is None:
+        inertial = inertial_path(mission, settings)
+        motion = inertial.motion
     t = _moments(np.append(motion.t[0], series.t))
     p_b, cov_b = level_points(series, sensor)
     seen = SightedPoints(np.searchsorted(t, series.t, side="right") - 1, p_b, cov_b)
-    # sightings may scatter less than stated; those that share errors tell less than their number
-    shared = variance_factors(series.t, LandmarkNoise.model_validate(sensor.noise))
-    variance = noise_found(t, seen, motion) * shared
     increments = motion.increments(t)
-    drive = Sighted(
-        replace(increments, variance=MOTION_EXCESS * increments.variance),
-        replace(seen, cov_b=variance[:, None, None] * cov_b),
-        1.0 / shared,
-        motion.scale_sigma,
-        motion.curvature_sigma,
+    increments = replace(increments, variance=MOTION_EXCESS * increments.variance)
+    # sightings that share errors tell less than their number
+    shared = variance_factors(series.t, LandmarkNoise.model_validate(sensor.noise))
+    if inertial is not None:
+        widened = replace(seen, cov_b=shared[:, None, None] * cov_b)
+        return Sighted(increments, widened, 1.0 / shared, inertial.drift(t))
+    # they may scatter less than stated too
+    variance = noise_found(t, seen, motion) * shared
+    drift = of_odometry(increments, motion.scale_sigma, motion.curvature_sigma)
+    return Sighted(
+        increments, replace(seen, cov_b=variance[:, None, None] * cov_b), 1.0 / shared, drift
     )
-    most = HYPOTHESES if settings.association == "joint" else 1
-    return _numbered(explained(drive, most, chi2_limit(settings.gate_probability, 2)).landmark)
 
 
 def _numbered(landmark: IntArray) -> IntArray:

@@ -1,7 +1,7 @@
 """A bank of planar landmark filters that differ in what they took their sightings for.
 
-Each is an extended Kalman filter over the pose, the constant errors of the odometry and its own
-landmarks; all take the same steps at once, stacked. Smith, Self and Cheeseman, *Estimating
+Each is an extended Kalman filter over the pose, the lasting errors of the dead reckoning and its
+own landmarks; all take the same steps at once, stacked. Smith, Self and Cheeseman, *Estimating
 uncertain spatial relationships in robotics*, 1990.
 """
 
@@ -12,12 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from gtsam_nav.frames import Array
+from gtsam_nav.preprocess.landmark_drift import Drift
+from gtsam_nav.preprocess.planar_motion import Increments
 from gtsam_nav.series import BoolArray, IntArray
 
-SCALE, CURVATURE, POSITION, COURSE = 0, 1, slice(2, 4), 4
-POSE = slice(2, 5)
-FIRST = 5
-"""Of the landmarks' coordinates in the state."""
+POSITION, COURSE, POSE = slice(0, 2), 2, slice(0, 3)
 LEAST_VARIANCE = 1e-10
 """Of an increment and of the start, m^2 or rad^2."""
 
@@ -28,23 +27,28 @@ class FilterBank:
 
     Attributes
     ----------
-    x : ndarray, shape (h, 5 + 2 c)
-        Scale error and curvature (rad/m) of the odometry, pose n, e, course, landmarks n, e.
-    P : ndarray, shape (h, 5 + 2 c, 5 + 2 c)
+    x : ndarray, shape (h, 3 + e + 2 c)
+        Pose n, e, course, the e errors of a `Drift`, landmarks n, e.
+    P : ndarray, shape (h, 3 + e + 2 c, 3 + e + 2 c)
     count : ndarray of int, shape (h,)
         How many landmarks each knows.
+    first : int
+        Where the landmarks' coordinates begin, 3 + e.
     """
 
     x: Array
     P: Array
     count: IntArray
+    first: int
 
     @classmethod
-    def at_origin(cls, scale_sigma: float, curvature_sigma: float) -> FilterBank:
+    def at_origin(cls, drift_sigma: Array) -> FilterBank:
         """One filter, whose frame is that of its first pose, without landmarks."""
-        variance = np.full(FIRST, LEAST_VARIANCE)
-        variance[:2] += scale_sigma**2, curvature_sigma**2
-        return cls(np.zeros((1, FIRST)), np.diag(variance)[None], np.zeros(1, dtype=np.int64))
+        variance = LEAST_VARIANCE + np.concatenate([np.zeros(3), drift_sigma**2])
+        first = len(variance)
+        return cls(
+            np.zeros((1, first)), np.diag(variance)[None], np.zeros(1, dtype=np.int64), first
+        )
 
     def __len__(self) -> int:
         return len(self.x)
@@ -52,34 +56,41 @@ class FilterBank:
     @property
     def room(self) -> int:
         """Landmarks that each filter has room for."""
-        return int(self.x.shape[1] - FIRST) // 2
+        return int(self.x.shape[1] - self.first) // 2
 
     def chosen(self, which: IntArray) -> FilterBank:
         """Some of the filters, or copies of them, without room that none needs."""
-        size = FIRST + 2 * int(np.max(self.count[which], initial=0))
+        size = self.first + 2 * int(np.max(self.count[which], initial=0))
         if size == self.x.shape[1] and np.array_equal(which, np.arange(len(self))):
             return self
         return FilterBank(
-            self.x[which, :size], self.P[which][:, :size, :size], self.count[which].copy()
+            self.x[which, :size],
+            self.P[which][:, :size, :size],
+            self.count[which].copy(),
+            self.first,
         )
 
-    def move(self, displacement_b: Array, turn: float, variance: Array) -> None:
-        """Predict over an increment: forward and to starboard, m, clockwise, rad."""
-        x, P = self.x, self.P
+    def move(self, increments: Increments, drift: Drift, k: int) -> None:
+        """Predict over step k: forward and to starboard, m, clockwise, rad."""
+        x, P, first = self.x, self.P, self.first
+        errors = slice(3, first)
         R = rotations(x[:, COURSE])
-        moved = R @ displacement_b
-        stretch = 1.0 + x[:, SCALE]
-        F: Array = np.tile(np.eye(FIRST), (len(x), 1, 1))
-        F[:, POSITION, SCALE] = moved
-        F[:, 2, COURSE], F[:, 3, COURSE] = -stretch * moved[:, 1], stretch * moved[:, 0]
-        F[:, COURSE, CURVATURE] = displacement_b[0]
-        x[:, POSITION] += stretch[:, None] * moved
-        x[:, COURSE] += turn + x[:, CURVATURE] * displacement_b[0]
-        P[:, :FIRST] = F @ P[:, :FIRST]
-        P[:, :, :FIRST] = P[:, :, :FIRST] @ np.swapaxes(F, 1, 2)
-        noise = np.maximum(variance, LEAST_VARIANCE)
+        lacking = drift.displacement[k]
+        moved = R @ increments.displacement_b[k] + (R @ lacking @ x[:, errors, None])[..., 0]
+        F: Array = np.tile(np.eye(first), (len(x), 1, 1))
+        F[:, 0, COURSE], F[:, 1, COURSE] = -moved[:, 1], moved[:, 0]
+        F[:, POSITION, errors] = R @ lacking
+        F[:, COURSE, errors] = drift.turn[k]
+        F[:, errors, errors] = drift.transition[k]
+        x[:, POSITION] += moved
+        x[:, COURSE] += increments.turn[k] + x[:, errors] @ drift.turn[k]
+        x[:, errors] = x[:, errors] @ drift.transition[k].T
+        P[:, :first] = F @ P[:, :first]
+        P[:, :, :first] = P[:, :, :first] @ np.swapaxes(F, 1, 2)
+        noise = np.maximum(increments.variance[k], LEAST_VARIANCE)
         P[:, POSITION, POSITION] += R @ (noise[:2, None] * np.swapaxes(R, 1, 2))
         P[:, COURSE, COURSE] += noise[2]
+        P[:, errors, errors] += drift.noise[k]
 
     def compare(self, p_b: Array, cov_b: Array) -> tuple[Array, Array]:
         """A sighting against every landmark.
@@ -96,9 +107,11 @@ class FilterBank:
         J = np.zeros((h, c, 2, 3))
         J[..., :2] = -to_body
         J[..., 0, 2], J[..., 1, 2] = seems_b[..., 1], -seems_b[..., 0]
-        shared = np.swapaxes(self.P[:, POSE, FIRST:].reshape(h, 3, c, 2), 1, 2)
+        shared = np.swapaxes(self.P[:, POSE, self.first :].reshape(h, 3, c, 2), 1, 2)
         each = np.arange(c)
-        own = np.moveaxis(self.P[:, FIRST:, FIRST:].reshape(h, c, 2, c, 2)[:, each, :, each], 0, 1)
+        own = np.moveaxis(
+            self.P[:, self.first :, self.first :].reshape(h, c, 2, c, 2)[:, each, :, each], 0, 1
+        )
         to_map = np.swapaxes(to_body, 2, 3)
         half = J @ shared @ to_map + 0.5 * (
             J @ self.P[:, None, POSE, POSE] @ np.swapaxes(J, 2, 3) + to_body @ own @ to_map + cov_b
@@ -113,7 +126,7 @@ class FilterBank:
         """Where landmarks (c,) or (h, c) are seen in the body's axes, (h, c, 2), and the rotation
         to them (h, 1, 2, 2)."""
         h = np.arange(len(self))[:, None]
-        first = FIRST + 2 * landmarks
+        first = self.first + 2 * landmarks
         p = np.stack([self.x[h, first], self.x[h, first + 1]], axis=2)
         to_body = np.swapaxes(rotations(self.x[:, COURSE]), 1, 2)[:, None]
         off = p - self.x[:, None, POSITION]
@@ -132,7 +145,8 @@ class FilterBank:
 
     def _add(self, f: int, p_b: Array, cov_b: Array) -> None:
         x, P = self.x[f], self.P[f]
-        own = slice(FIRST + 2 * int(self.count[f]), FIRST + 2 * int(self.count[f]) + 2)
+        first = self.first + 2 * int(self.count[f])
+        own = slice(first, first + 2)
         R = rotations(x[COURSE])
         arm = R @ p_b
         G = np.eye(2, 3)
@@ -151,8 +165,8 @@ class FilterBank:
         J = np.zeros((len(which), 2, 5))
         J[:, :, :2], J[:, :, 3:] = -to_body, to_body
         J[:, 0, 2], J[:, 1, 2] = seems_b[:, 1], -seems_b[:, 0]
-        own = FIRST + 2 * landmark[which, None] + np.arange(2)
-        columns = np.column_stack([np.tile([2, 3, 4], (len(which), 1)), own])
+        own = self.first + 2 * landmark[which, None] + np.arange(2)
+        columns = np.column_stack([np.tile([0, 1, 2], (len(which), 1)), own])
         JP = J @ self.P[which[:, None], columns]
         S = np.take_along_axis(JP, columns[:, None], 2) @ np.swapaxes(J, 1, 2) + cov_b
         K = np.swapaxes(np.linalg.solve(S, JP), 1, 2)

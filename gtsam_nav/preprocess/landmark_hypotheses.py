@@ -11,18 +11,20 @@ what differs.
 
 What was lost in a long silence forwards is often found backwards, where the silence comes when
 other landmarks are known: the mission is gone through in both directions, and the cheaper
-explanation wins.
+explanation wins. By inertial readings it is gone through forwards alone: it is at its start that
+their errors are known.
 """
 
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from gtsam_nav.frames import Array
 from gtsam_nav.preprocess.landmark_bank import COURSE, POSITION, FilterBank
+from gtsam_nav.preprocess.landmark_drift import Drift, of_odometry
 from gtsam_nav.preprocess.planar_motion import Increments
 from gtsam_nav.preprocess.planar_smoothing import SightedPoints
 from gtsam_nav.series import IntArray
@@ -50,18 +52,17 @@ class Sighted:
         In the order of their poses.
     independence : ndarray, shape (k,)
         Share of each sighting's error, as variance, that others do not have.
-    scale_sigma, curvature_sigma : float
-        As `PlanarMotion` has them.
+    drift : Drift
+        Errors of the increments that last.
     """
 
     increments: Increments
     seen: SightedPoints
     independence: Array
-    scale_sigma: float
-    curvature_sigma: float
+    drift: Drift
 
     def reversed(self) -> Sighted:
-        """The same, driven backwards."""
+        """The same, driven backwards, of odometry: its errors are constant."""
         moved, turn = self.increments.displacement_b, self.increments.turn
         c, s = np.cos(turn), np.sin(turn)
         back = -np.column_stack(
@@ -71,7 +72,8 @@ class Sighted:
         seen = SightedPoints(
             len(turn) - self.seen.pose[::-1], self.seen.p_b[::-1], self.seen.cov_b[::-1]
         )
-        return replace(self, increments=increments, seen=seen, independence=self.independence[::-1])
+        drift = of_odometry(increments, *self.drift.sigma.tolist())
+        return Sighted(increments, seen, self.independence[::-1], drift)
 
 
 @dataclass(frozen=True)
@@ -94,6 +96,8 @@ def explained(drive: Sighted, most: int, gate: float) -> Explanation:
         Largest squared normalised innovation of a sighting.
     """
     forwards = _Hypotheses(drive, most, gate).run()
+    if not drive.drift.is_constant:
+        return forwards
     backwards = _Hypotheses(drive.reversed(), most, gate).run()
     log.info("landmarks told apart: cost %.0f, backwards %.0f", forwards.cost, backwards.cost)
     if forwards.cost <= backwards.cost:
@@ -106,7 +110,7 @@ class _Hypotheses:
 
     def __init__(self, drive: Sighted, most: int, gate: float) -> None:
         self.drive, self.most, self.gate = drive, most, gate
-        self.bank = FilterBank.at_origin(drive.scale_sigma, drive.curvature_sigma)
+        self.bank = FilterBank.at_origin(drive.drift.sigma)
         self.cost = np.zeros(1)
         # of each sighting: which hypotheses led to the next ones, and what they took it for
         self.parents: list[IntArray] = []
@@ -120,11 +124,7 @@ class _Hypotheses:
         first = np.searchsorted(seen.pose, np.arange(len(steps.turn) + 2))
         for pose in range(len(steps.turn) + 1):
             if pose:
-                self.bank.move(
-                    steps.displacement_b[pose - 1],
-                    float(steps.turn[pose - 1]),
-                    steps.variance[pose - 1],
-                )
+                self.bank.move(steps, self.drive.drift, pose - 1)
             for k in range(first[pose], first[pose + 1]):
                 self._sight(k, int(first[pose]))
         return Explanation(self._traced(0), float(self.cost[0]))

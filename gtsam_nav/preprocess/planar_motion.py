@@ -17,7 +17,7 @@ from gtsam_nav.preprocess.settings import MotionSettings
 from gtsam_nav.sensors.dvl import body_velocities
 from gtsam_nav.sensors.noise import DvlNoise, HeadingNoise, ImuNoise, OdometryNoise
 from gtsam_nav.sensors.orientation import headings_true
-from gtsam_nav.sensors.rates import angular_rate_b
+from gtsam_nav.sensors.rates import angular_rate_b, mean_gyro_bias_b
 from gtsam_nav.series import ImuSeries, OdometrySeries
 
 
@@ -59,6 +59,8 @@ class PlanarMotion:
         Spread of the constant error of the speeds, as a share of them.
     curvature_sigma : float
         Spread of the constant error of the turns, rad a metre.
+    disturbance_sigma, disturbance_time_s : float
+        Of the compass's Gauss-Markov error, whose walk ``variance`` holds; zero without a compass.
     """
 
     t: Array
@@ -68,6 +70,8 @@ class PlanarMotion:
     course_is_heading: bool
     scale_sigma: float
     curvature_sigma: float
+    disturbance_sigma: float = 0.0
+    disturbance_time_s: float = 1.0
 
     def increments(self, t: Array) -> Increments:
         """Motion between successive times of ``t``, shape (k + 1,), rising."""
@@ -104,8 +108,9 @@ def planar_motion(
 ) -> PlanarMotion | None:
     """Dead-reckon a mission in the plane; None where nothing measures its speed.
 
-    The readings' errors are white at their usual rate. Over a silence the speed walks away as
-    ``settings`` say; with ``readings_suffice`` only for as long as that exceeds the usual step.
+    The readings' errors are white at their usual rate. Between two readings the speed walks as
+    ``settings`` say, by ``q L^3 / 12`` over a step of L; with ``readings_suffice`` only over what
+    exceeds the usual step.
 
     Raises
     ------
@@ -122,7 +127,7 @@ def planar_motion(
     v = np.column_stack([c * v_b[:, 0] - s * v_b[:, 1], s * v_b[:, 0] + c * v_b[:, 1]])
     steps = 0.5 * (v[1:] + v[:-1]) * dt[:, None]
     walk = (
-        _walk(sigma_v, dt) + settings.sigma_accel_m_s2**2 * _silence(dt, readings_suffice) ** 3 / 3
+        _walk(sigma_v, dt) + settings.sigma_accel_m_s2**2 * _silence(dt, readings_suffice) ** 3 / 12
     )
     variance = np.column_stack([_summed(walk), _summed(walk), course_variance])
     return PlanarMotion(
@@ -133,6 +138,7 @@ def planar_motion(
         is_heading,
         readings.scale_sigma,
         0.0 if is_heading else _curvature_sigma(mission),
+        *(_disturbance(mission) if is_heading else ()),
     )
 
 
@@ -167,7 +173,7 @@ def _held_to(
 def _speeds(mission: Mission, settings: MotionSettings) -> Speeds | None:
     """Of the first sensor that has them."""
     for dvl in mission.of_type("dvl"):
-        omega_b = angular_rate_b(mission, dvl.series.t)
+        omega_b = angular_rate_b(mission, dvl.series.t) - mean_gyro_bias_b(mission)
         found = body_velocities(dvl, omega_b, settings.water_lock_after_s)
         if len(found):
             scale_sigma = DvlNoise.model_validate(dvl.noise).scale_sigma
@@ -197,10 +203,10 @@ def _course(
     A compass's error is a disturbance that comes and goes (`HeadingNoise`): as a random walk of the
     same strength. Its white noise does not add up.
     """
-    sensor, headings = mission.first("heading"), headings_true(mission)
-    if sensor is not None and headings is not None and len(headings) > 1:
-        noise = HeadingNoise.model_validate(sensor.noise)
-        density = 2 * np.radians(noise.disturbance_sigma_deg) ** 2 / noise.disturbance_time_s
+    headings = headings_true(mission)
+    if headings is not None and len(headings) > 1:
+        disturbance, time_s = _disturbance(mission)
+        density = 2 * disturbance**2 / time_s
         course = np.interp(t, headings.t, np.unwrap(headings.heading))
         return course, density * (t - t[0]), True
     t_rate, rate, sigma = _yaw_rates(mission)
@@ -209,9 +215,17 @@ def _course(
     turned = _summed(0.5 * (rate[1:, 0] + rate[:-1, 0]) * dt)
     walk = (
         _walk(sigma, dt)
-        + settings.sigma_yaw_accel_rad_s2**2 * _silence(dt, readings_suffice) ** 3 / 3
+        + settings.sigma_yaw_accel_rad_s2**2 * _silence(dt, readings_suffice) ** 3 / 12
     )
     return np.interp(t, t_rate, turned), np.interp(t, t_rate, _summed(walk)), False
+
+
+def _disturbance(mission: Mission) -> tuple[float, float]:
+    """Spread (rad) and correlation time (s) of the compass's slow error."""
+    compass = mission.first("heading")
+    assert compass is not None
+    noise = HeadingNoise.model_validate(compass.noise)
+    return float(np.radians(noise.disturbance_sigma_deg)), noise.disturbance_time_s
 
 
 def _yaw_rates(mission: Mission) -> tuple[Array, Array, Array]:

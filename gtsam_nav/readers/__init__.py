@@ -8,12 +8,13 @@ YAML file with a section ``mission``, and lists its streams by ``describe(path, 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, cast, runtime_checkable
 
 from gtsam_nav.errors import ConfigError, DataError
-from gtsam_nav.mission import Mission
+from gtsam_nav.mission import Mission, Opening
 from gtsam_nav.solution import Progress, no_progress
 
 if TYPE_CHECKING:
@@ -84,25 +85,31 @@ def open_mission(
     progress : Progress, optional
         Called as the reading goes on.
     card : Path or str, optional
-        A file whose section ``mission`` says what the streams of a bag are.
+        A file whose section ``mission`` says what the streams of a bag are, or how the sensors of
+        a mission in a single file are mounted.
 
     Raises
     ------
     DataError
         Where no reader knows the path, or a file is missing or damaged.
     ConfigError
-        Where a card is given for a format that describes itself.
+        Where a card is given for a folder that describes itself.
     """
     reader, place = _located(Path(path))
     if card is None:
-        return reader.read(place, progress)
-    if not isinstance(reader, DescribingReader):
-        takers = ", ".join(r.NAME for r in readers() if isinstance(r, DescribingReader))
-        raise ConfigError(
-            f"{card}: the section 'mission' is for a {takers}; {place} is a {reader.NAME}:"
-            " 'gtsam-nav convert' makes a folder whose mission.yaml takes mountings and noise"
-        )
-    return reader.read(place, progress, Path(card))
+        return replace(reader.read(place, progress), opening=Opening(place.absolute()))
+    opening = Opening(place.absolute(), Path(card).absolute())
+    if isinstance(reader, DescribingReader):
+        return replace(reader.read(place, progress, Path(card)), opening=opening)
+    if place.is_file():
+        from gtsam_nav.readers._file_card import with_card
+
+        return replace(with_card(reader.read(place, progress), Path(card)), opening=opening)
+    takers = ", ".join(r.NAME for r in readers() if isinstance(r, DescribingReader))
+    raise ConfigError(
+        f"{card}: the section 'mission' is for a {takers} and for single files; {place} is a"
+        f" {reader.NAME}"
+    )
 
 
 def describe(path: Path | str, card: Path | str | None = None) -> Contents | None:

@@ -150,6 +150,15 @@ class SensorEntry(SensorCard):
         """Sensor types that may be named."""
         return (*SERIES_TYPES, LANDMARK_MAP)
 
+    @property
+    def factors(self) -> dict[str, float]:
+        """What the numbers of each column are multiplied by, the units of an IMU included."""
+        found = dict(self.scale)
+        for axis in "xyz" if self.type == "imu" else "":
+            for column, factor in ((f"g{axis}", self.gyro_factor), (f"a{axis}", self.accel_factor)):
+                found[column] = found.get(column, 1.0) * factor
+        return found
+
 
 class MissionFile(Described):
     """``mission.yaml``. ``start_utc`` is an ISO 8601 time or POSIX seconds of stamp zero."""

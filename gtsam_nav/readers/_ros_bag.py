@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -18,6 +18,7 @@ import numpy as np
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, rotation_from_quaternion
+from gtsam_nav.readers._ros_archives import bound_chunks
 from gtsam_nav.readers._ros_definitions import DEFINITIONS
 
 if TYPE_CHECKING:
@@ -112,13 +113,14 @@ class Clock:
 
 
 class Bag:
-    """An open bag. Times are seconds since ``zero_s``, a whole POSIX second."""
+    """An open bag of ``duration_s``. Times are seconds since ``zero_s``, a whole POSIX second."""
 
     def __init__(self, reader: AnyReader, paths: tuple[Path, ...]) -> None:
         self.paths = paths
         self._reader = reader
         self.topics = {topic.name: topic for topic in self._topics()}
         self.zero_s = reader.start_time // 10**9 if reader.message_count else 0
+        self.duration_s = reader.duration * 1e-9 if reader.message_count else 0.0
 
     def _topics(self) -> Iterator[Topic]:
         known: Mapping[str, Any] = self._reader.typestore.fielddefs
@@ -130,11 +132,6 @@ class Bag:
             stamped = bool(fields := known.get(kind, ((), ()))[1]) and fields[0][1][1] == HEADER
             count = sum(connection.msgcount for connection in connections)
             yield Topic(name, kind, count, kind in known, stamped, tuple(connections))
-
-    @property
-    def duration_s(self) -> float:
-        """From the first to the last message, s."""
-        return self._reader.duration * 1e-9 if self._reader.message_count else 0.0
 
     @property
     def spans_ns(self) -> list[tuple[int, int, str]]:
@@ -278,21 +275,20 @@ def open_bag(path: Path) -> Iterator[Bag]:
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+    bound_chunks()
     ours: dict[str, Any] = {}
     for name, text in DEFINITIONS.items():
         ours |= get_types_from_msg("\n".join(line.strip() for line in text.splitlines()), name)
     standard = get_typestore(Stores.ROS2_HUMBLE)
     paths = bag_paths(path)
-    try:
-        reader = AnyReader(paths, default_typestore=standard)
-        reader.open()
-    except Exception as error:  # rosbags raises whatever the damage leads to
-        reason = " ".join(str(error).split())[:300] or type(error).__name__
-        raise DataError(f"the bag cannot be opened: {reason}{_remedy(paths)}", path) from error
-    try:
-        known = reader.typestore.fielddefs
-        spare = {**standard.fielddefs, **ours}
-        reader.typestore.register({k: v for k, v in spare.items() if k not in known})
-        yield Bag(reader, paths)
-    finally:
-        reader.close()
+    with ExitStack() as stack:
+        try:
+            reader = stack.enter_context(AnyReader(paths, default_typestore=standard))
+            known = reader.typestore.fielddefs
+            spare = {**standard.fielddefs, **ours}
+            reader.typestore.register({k: v for k, v in spare.items() if k not in known})
+            bag = Bag(reader, paths)
+        except Exception as error:  # rosbags raises whatever the damage leads to
+            reason = " ".join(str(error).split())[:300] or type(error).__name__
+            raise DataError(f"the bag cannot be opened: {reason}{_remedy(paths)}", path) from error
+        yield bag

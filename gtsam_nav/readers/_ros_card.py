@@ -28,8 +28,6 @@ class BagSensor(SensorCard):
         May be left out where only one topic can be this sensor.
     stamp : {"header", "log"}, optional
         Whose time counts; where it is left out the bag's clocks are compared.
-    gyro_unit : {"rad/s", "deg/s"}
-        Of an IMU whose driver does not keep to ROS's units.
     clockwise : bool
         Of a scanning sonar: whether its angle grows clockwise about its own z axis (down).
     surface_pressure_pa, water_density_kg_m3 : float
@@ -40,7 +38,6 @@ class BagSensor(SensorCard):
 
     topic: str = ""
     stamp: Literal["header", "log"] | None = None
-    gyro_unit: Literal["rad/s", "deg/s"] = "rad/s"
     clockwise: bool = True
     surface_pressure_pa: FiniteFloat = Field(default=STANDARD_ATMOSPHERE_PA, gt=0)
     water_density_kg_m3: FiniteFloat = Field(default=SEA_WATER_KG_M3, gt=0)

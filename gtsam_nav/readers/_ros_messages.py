@@ -47,9 +47,10 @@ def imu(m: Any, card: BagSensor) -> Sample | str:
     """Rates and specific force; a covariance that begins with -1 says that there are none."""
     if m.angular_velocity_covariance[0] == -1 or m.linear_acceleration_covariance[0] == -1:
         return "says it has no rates or no acceleration"
-    rates = xyz(m.angular_velocity)
-    gyro_i = np.radians(rates) if card.gyro_unit == "deg/s" else rates
-    return {"gyro_i": gyro_i, "accel_i": xyz(m.linear_acceleration)}
+    return {
+        "gyro_i": card.gyro_factor * np.array(xyz(m.angular_velocity)),
+        "accel_i": card.accel_factor * np.array(xyz(m.linear_acceleration)),
+    }
 
 
 def _orientation(m: Any, *axes: int) -> Sample | str:

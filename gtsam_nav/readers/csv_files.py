@@ -22,7 +22,7 @@ from gtsam_nav.errors import DataError
 from gtsam_nav.mission import Mission
 from gtsam_nav.readers._mission_yaml import MissionFile
 from gtsam_nav.readers._table import header_names
-from gtsam_nav.readers._text import first_lines
+from gtsam_nav.readers._text import first_lines, read_lines
 from gtsam_nav.readers.contents import Contents, Stream
 from gtsam_nav.readers.folder import read_described
 from gtsam_nav.readers.layout import GEODETIC_COLUMNS, LAYOUTS, NED_COLUMNS
@@ -71,7 +71,7 @@ def describe(path: Path, card: Path | None = None) -> Contents:
         for kind in kinds[:1]:
             entries.setdefault(kind, {"file": file.name})
     if card is not None:
-        return Contents(tuple(streams), card.read_text(encoding="utf-8"))
+        return Contents(tuple(streams), "\n".join(read_lines(card)))
     import yaml
 
     tree = {MISSION_SECTION: {"sensors": entries}}

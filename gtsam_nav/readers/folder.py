@@ -28,8 +28,9 @@ origin the first fix of a file with latitudes is taken, and a warning says so. `
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +41,7 @@ from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, Origin
 from gtsam_nav.mission import LandmarkMap, Mission, Rejection, Sensor
 from gtsam_nav.preprocess.cleaning import screen, tidy
+from gtsam_nav.preprocess.repeats import without_repeats
 from gtsam_nav.readers._clock import on_mission_time
 from gtsam_nav.readers._gnss import Fixes
 from gtsam_nav.readers._mission_yaml import (
@@ -140,11 +142,16 @@ class _Reading:
         series, rejections = self._series(name, entry, path)
         self.rejections += rejections
         if series is None:
+            reasons = Counter(rejection.reason for rejection in rejections).most_common(1)
+            mostly = "".join(f", mostly for: {reason}" for reason, _ in reasons)
             self.warnings.append(
                 f"sensor '{name}' is left out: {entry.file} holds no valid sample "
-                f"({len(rejections)} dropped)"
+                f"({len(rejections)} dropped{mostly})"
             )
             return
+        if entry.drop_repeats:
+            series, repeats = without_repeats(name, series)
+            self.rejections += repeats
         self.sensors[name] = Sensor(
             name=name,
             type=entry.type,
@@ -170,6 +177,7 @@ class _Reading:
         table = self._table(name, entry, path, layout)
         model = NOISE_MODELS.get(entry.type)
         noise = None if model is None else model.model_validate(entry.noise)
+        table = self._with_usual_sigmas(name, table, noise, layout)
         if table.has(GEODETIC_COLUMNS):
             series, rejections = self._geodetic(name, table, noise, layout)
             return series, rejections + table.cut(name)
@@ -190,6 +198,29 @@ class _Reading:
             **constants,
         )
         return series, rejections + table.cut(name)
+
+    def _with_usual_sigmas(
+        self, name: str, table: Table, noise: Any, layout: tuple[Field, ...]
+    ) -> Table:
+        """The table with the noise figures for columns of sigmas that are zero throughout.
+
+        Many a driver writes them that does not know better.
+        """
+        usual = {
+            column: getattr(noise, figure)
+            for spec in layout
+            for column, figure in zip(spec.columns, spec.noise, strict=False)
+            if column in table.columns and _is_zero(table.columns[column])
+        }
+        if not usual:
+            return table
+        figures = ", ".join(f"{column} {value:g}" for column, value in usual.items())
+        self.warnings.append(
+            f"sensor '{name}': {table.path.name} has {', '.join(usual)} of zero throughout: the"
+            f" noise figures serve instead ({figures})"
+        )
+        filled = {column: np.full(len(table.columns["t"]), usual[column]) for column in usual}
+        return replace(table, columns={**table.columns, **filled})
 
     def _geodetic(self, name: str, table: Table, noise: Any, layout: tuple[Field, ...]) -> Cleaned:
         _, sigma, v_n = (_values(spec, table, noise) for spec in layout)
@@ -217,7 +248,7 @@ class _Reading:
             words=words,
             instead=instead,
             renamed=entry.columns,
-            scale=entry.scale,
+            scale=entry.factors,
         )
         if layout is LAYOUTS["landmarks"] and not table.columns.keys() & {"range_m", "bearing_deg"}:
             raise DataError("column 'range_m' or 'bearing_deg' is needed, or both", path, 1)
@@ -260,6 +291,11 @@ class _Reading:
         if len(np.unique(whole.id)) < len(whole.id):
             raise DataError("a landmark's id is given twice", path)
         return whole
+
+
+def _is_zero(column: Array) -> bool:
+    """Whether a column holds zeros and nothing else that is finite."""
+    return bool(np.any(column == 0.0) and np.all((column == 0.0) | ~np.isfinite(column)))
 
 
 def _not_whole(layout: tuple[Field, ...], columns: Mapping[str, Array]) -> dict[str, BoolArray]:

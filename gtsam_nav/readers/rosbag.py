@@ -31,6 +31,7 @@ from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, Origin
 from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.preprocess.cleaning import tidy
+from gtsam_nav.preprocess.repeats import without_repeats
 from gtsam_nav.readers._clock import on_mission_time
 from gtsam_nav.readers._gnss import Fixes
 from gtsam_nav.readers._mounting import ORIENTING_TYPES, in_body_axes
@@ -249,6 +250,9 @@ class _Reading:
                     f" {choice.topic.name} ({why or 'no message'})"
                 )
                 continue
+            if choice.entry.drop_repeats:
+                series, repeats = without_repeats(choice.name, series)
+                self.rejections += repeats
             R_bs, xyz_b = mounting
             if isinstance(series, ScanSeries) or series.TYPE in BARE_TYPES:
                 R_bs, xyz_b = np.eye(3), np.zeros(3)

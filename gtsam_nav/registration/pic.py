@@ -29,6 +29,11 @@ SEARCH_END_SCALE = 0.1
 """The share of the prior covariance in the gate with which the search ends."""
 SETTLING_SHRINK = 0.3
 """While the pose settles, the prior's part in the gate shrinks at this rate."""
+LEVER_M = 10.0
+"""A turn moves echoes this far away: makes it comparable with a shift."""
+OBSERVED_M, UNOBSERVED_M = 5.0, 100.0
+"""A direction in which the points leave the pose more uncertain than the first is not observed: the
+match states the second there, which is no information."""
 
 
 @dataclass(frozen=True)
@@ -253,9 +258,11 @@ def information_at(
     """Hessian and its noise-driven twin at a solution, for the covariance.
 
     Partners slide along walls, so that agreement along a wall is no evidence: where the reference
-    points around a point form a wall, it tells about the pose across that wall only.
+    points around a point form a wall, it tells about the pose across that wall only. The wall's
+    direction is a fit to these points; the variance of its lean lends the information along it a
+    share that is taken off again. In H alone: M is the noise's own.
     """
-    from gtsam_nav.registration._pic_kernel import WALL_ELONGATION
+    from gtsam_nav.registration._pic_kernel import WALL_ELONGATION, WALL_EXTENT, WIDER
 
     H, M = np.zeros((3, 3)), np.zeros((3, 3))
     B = planar_rotations(q[2])
@@ -265,19 +272,24 @@ def information_at(
         around = offset[distance < settings.wall_radius_m]
         if len(around) == 0:
             continue
+        if len(around) < 3:
+            around = offset[distance < WIDER * settings.wall_radius_m]
         nearest = int(np.argmin(distance))
         S = cov + reference.cov[nearest]
-        variances, axes = np.linalg.eigh(np.cov(around.T, bias=True))
-        if len(around) >= 3 and variances[1] > WALL_ELONGATION * max(variances[0], 0.0):
-            normal = axes[:, 0]
-            W = np.outer(normal, normal) / (normal @ S @ normal)
+        variances, axes = np.linalg.eigh(np.cov(around.T, bias=True).reshape(2, 2))
+        normal, along = axes.T
+        noise2, is_long = normal @ S @ normal, variances[1] > WALL_EXTENT * along @ S @ along
+        if is_long and variances[1] > WALL_ELONGATION * max(variances[0], 0.0):
+            W = np.outer(normal, normal) / noise2
             error = around.mean(axis=0)
+            lean2 = max(variances[0], noise2) / (len(around) * variances[1])
+            lent = lean2 * np.outer(along, along) / noise2
         else:
-            W = np.linalg.inv(S)
+            W, lent = np.linalg.inv(S), np.zeros((2, 2))
             error = offset[nearest]
         J = np.array([[1.0, 0.0, -turned[1]], [0.0, 1.0, turned[0]]])
         weight = 1.0 / (1.0 + error @ W @ error / settings.cauchy_k**2)
-        H += weight * J.T @ W @ J
+        H += weight * J.T @ (W - lent) @ J
         M += weight**2 * J.T @ W @ J
     return H, M
 
@@ -294,15 +306,25 @@ def _judge(
 ) -> PlanarMatch:
     if not np.all(np.isfinite(q)) or overlap == 0.0:
         return _failed(prior, cov_prior, "no compatible points")
-    if np.linalg.cond(H) > 1e9:
+    observed, unobserved = _directions(H)
+    if observed.shape[1] < 2:
         return _failed(prior, cov_prior, "singular: the points do not fix the pose")
-    H_inverse = np.linalg.inv(H)
     floor = np.array([settings.floor_xy_m, settings.floor_xy_m, np.radians(settings.floor_yaw_deg)])
-    cov = H_inverse @ M @ H_inverse.T + np.diag(floor**2)
+    gain = observed @ np.linalg.inv(observed.T @ H @ observed) @ observed.T
+    cov = gain @ M @ gain.T + UNOBSERVED_M**2 * unobserved @ unobserved.T + np.diag(floor**2)
     failure = ""
     if overlap < settings.min_overlap:
         failure = f"overlap {overlap:.2f} below {settings.min_overlap:.2f}"
-    return PlanarMatch(q, 0.5 * (cov + cov.T), overlap, iterations, failure)
+    return PlanarMatch(q, 0.5 * (cov + cov.T), overlap, iterations, failure, unobserved.T)
+
+
+def _directions(H: Array) -> tuple[Array, Array]:
+    """Directions of x, y and yaw that an information tells of and those that it does not, in the
+    columns of (3, k) and (3, 3 - k); their unit is a metre, by a shift or at the lever."""
+    to_metres = np.diag([1.0, 1.0, 1.0 / LEVER_M])
+    information, axes = np.linalg.eigh(to_metres @ H @ to_metres)
+    told = information > 1.0 / OBSERVED_M**2
+    return to_metres @ axes[:, told], to_metres @ axes[:, ~told]
 
 
 def _failed(prior: Array, cov_prior: Array, reason: str) -> PlanarMatch:

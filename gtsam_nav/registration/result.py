@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -18,13 +18,16 @@ class PlanarMatch:
     q : ndarray, shape (3,)
         Pose of the new scan in the reference scan: x, y (m) and yaw (rad, clockwise from above).
     cov : ndarray, shape (3, 3)
-        Its covariance.
+        Its covariance; huge in a direction that the points do not tell.
     overlap : float
         Share of the new scan's points that found a partner.
     iterations : int
     failure : str
         Why the match must not be used; empty where it may. A failed match still holds the last
         estimate, for the record.
+    unobserved : ndarray, shape (k, 3)
+        The directions of x, y and yaw that the points do not tell, in which the match still has
+        what it began with: one along a corridor, none in most places.
     """
 
     q: Array
@@ -32,6 +35,7 @@ class PlanarMatch:
     overlap: float
     iterations: int
     failure: str = ""
+    unobserved: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     @property
     def ok(self) -> bool:

@@ -214,3 +214,9 @@ NOISE_MODELS: dict[str, type[Settings]] = {
     "scans": SonarNoise,
 }
 """Sensor type to noise model; types that are absent have no noise figures."""
+
+
+def figure_names(sensor_type: str) -> list[str]:
+    """Names that a card's ``noise`` map may hold, each with those for a datasheet's units."""
+    names = NOISE_MODELS[sensor_type].model_fields
+    return [given for name in names for given in (name, *DATASHEET_UNITS.get(name, ()))]

@@ -5,10 +5,23 @@ from __future__ import annotations
 import numpy as np
 
 from gtsam_nav.frames import Array
+from gtsam_nav.mission import Mission
 from gtsam_nav.sensors import dvl
+from gtsam_nav.sensors.noise import DvlNoise, OdometryNoise
 from gtsam_nav.sensors.prediction import BodyState, Prediction
 
 
 def predict(state: BodyState, v_b: Array, sigma: float) -> Prediction:
     """Body velocity against a state: ``R_nb' v_n - (v_b, 0)``, with v_b of shape (2,)."""
     return dvl.predict(state, np.array([*v_b, 0.0]), sigma)
+
+
+def velocity_calibration_sigma(mission: Mission) -> Array:
+    """Spread of scale and misalignment (rad) of the DVL, else of the odometry; shape (2,)."""
+    dvl_sensor, odometry = mission.first("dvl"), mission.first("odometry")
+    noise: DvlNoise | OdometryNoise
+    if dvl_sensor is not None:
+        noise = DvlNoise.model_validate(dvl_sensor.noise)
+    else:
+        noise = OdometryNoise.model_validate(odometry.noise if odometry else {})
+    return np.array([noise.scale_sigma, np.radians(noise.misalignment_sigma_deg)])

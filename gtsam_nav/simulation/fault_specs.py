@@ -103,7 +103,7 @@ def _drop(target: str, value: str, _options: dict[str, str]) -> Silence | Dropou
 
 
 def _gap(target: str, value: str, _options: dict[str, str]) -> Silence:
-    return Silence(target, _span(value))
+    return Silence(target, _span(value), "gap")
 
 
 def _bias(target: str, value: str, _options: dict[str, str]) -> HeadingBias:

@@ -7,7 +7,7 @@ out.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -99,9 +99,10 @@ class Silence(SensorFault):
     """No sample in a half-open span of mission time, s: ``target:drop=from:to``, or ``gap``."""
 
     window_s: Span
+    word: Literal["drop", "gap"] = "drop"
 
     def __str__(self) -> str:
-        return f"{self.target}:drop={_span_text(self.window_s)}"
+        return f"{self.target}:{self.word}={_span_text(self.window_s)}"
 
     def altered(self, series: Series, rng: np.random.Generator) -> Series:
         """The samples outside the span."""

@@ -239,7 +239,13 @@ def odometry(
             sigma_v=np.full(n, s.sigma_v_m_s),
             sigma_yaw_rate=np.full(n, s.sigma_yaw_rate_rad_s),
         ),
-        noise={"sigma_v_m_s": s.sigma_v_m_s, "sigma_yaw_rate_rad_s": s.sigma_yaw_rate_rad_s},
+        noise={
+            "sigma_v_m_s": s.sigma_v_m_s,
+            "sigma_yaw_rate_rad_s": s.sigma_yaw_rate_rad_s,
+            "scale_sigma": s.scale_sigma,
+            "misalignment_sigma_deg": 0.0,
+            "curvature_sigma_deg_m": 0.0,
+        },
     )
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from gtsam_nav.errors import ConfigError, DataError, OutputError
 from gtsam_nav.frames import Origin
+from gtsam_nav.writers.atomic import draft_folder
 from gtsam_nav.writers.frame import Frame
 from gtsam_nav.writers.geo import write_geojson, write_kml
 from gtsam_nav.writers.point_map import read_ply, write_ply
@@ -47,8 +48,11 @@ def export_run(folder: Path, formats: Sequence[str], frame: Frame = "ned") -> li
     run = read_run(folder)
     out = folder / "export"
     try:
-        out.mkdir(exist_ok=True)
-        return [path for name in formats for path in FORMATS[name](run, out, frame)]
+        with draft_folder(out) as draft:
+            chosen = dict.fromkeys(formats)
+            written = [path for name in chosen for path in FORMATS[name](run, draft, frame)]
+            out.mkdir(exist_ok=True)
+            return [path.replace(out / path.name) for path in written]
     except OSError as error:
         raise OutputError(f"{out}: cannot write the export: {error}") from error
 

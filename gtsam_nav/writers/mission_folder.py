@@ -8,7 +8,6 @@ sets time zero to the earliest sample.
 
 from __future__ import annotations
 
-import os
 import re
 import shutil
 from collections.abc import Callable
@@ -32,7 +31,9 @@ from gtsam_nav.series import (
     ScanSeries,
     Series,
 )
+from gtsam_nav.writers.atomic import replacing_folder
 from gtsam_nav.writers.tables import EXACT, write_records, write_table
+from gtsam_nav.yaml_files import read_yaml_file
 
 MISSION_FILE = "mission.yaml"
 LANDMARK_MAP = "landmark_map"
@@ -59,19 +60,11 @@ def write_mission(mission: Mission, folder: Path | str) -> None:
     target = Path(folder).resolve()
     if not _replaceable(target):
         raise OutputError(f"{target} exists and is no mission folder; choose another place")
-    partial = target.with_name(f".{target.name}.{os.getpid()}.partial")
-    retired = target.with_name(f".{target.name}.{os.getpid()}.old")
     try:
-        partial.mkdir(parents=True)
-        _write_files(mission, partial)
-        if target.exists():
-            target.rename(retired)
-        partial.rename(target)
-        shutil.rmtree(retired, ignore_errors=True)
+        with replacing_folder(target) as draft:
+            _write_files(mission, draft)
     except OSError as error:
         raise OutputError(f"{target}: the mission cannot be written: {error}") from error
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
 
 
 def check_free(folder: Path, force: bool) -> None:
@@ -88,11 +81,14 @@ def _replaceable(target: Path) -> bool:
         return False
     present = {str(p.relative_to(target)) for p in target.rglob("*") if not p.is_dir()}
     try:
-        described = yaml.safe_load((target / MISSION_FILE).read_text(encoding="utf-8"))
-        entries = described["sensors"]
+        entries = read_yaml_file(target / MISSION_FILE)["sensors"]
         named = {str(entry["file"]) for entry in entries.values()}
-        of_clouds = {str(e["file"]) for e in entries.values() if e["type"] == CloudSeries.TYPE}
-    except (OSError, ValueError, LookupError, TypeError, AttributeError, yaml.YAMLError):
+        of_clouds = {
+            str(entry["file"])
+            for name, entry in entries.items()
+            if entry.get("type", name) == CloudSeries.TYPE
+        }
+    except (OSError, ValueError, LookupError, TypeError, AttributeError):
         return not present
     clouds = {name.removesuffix(".csv") for name in of_clouds}
     ours = named | {MISSION_FILE, REJECTIONS_FILE}

@@ -11,7 +11,7 @@ from gtsam_nav.ekf.planar_vehicle import PlanarVehicle
 from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.alignment import Alignment
-from gtsam_nav.preprocess.planar_motion import planar_motion
+from gtsam_nav.preprocess.planar_motion import PlanarMotion, planar_motion
 from gtsam_nav.preprocess.settings import MotionSettings
 from gtsam_nav.sensors.landmarks import Sighting
 
@@ -59,12 +59,12 @@ def test_the_motion_jacobian_is_that_of_the_step(mission: Mission) -> None:
             moved.advance()
         return moved.x
 
-    A, exact = np.eye(5), vehicle(mission)
-    exact.correct(np.array([0.0, 0.0, 0.0, 0.02, 0.03]))
+    A, exact = np.eye(6), vehicle(mission)
+    exact.correct(np.array([0.0, 0.0, 0.0, 0.02, 0.03, 0.05]))
     for _ in T[1:]:
         A = exact.advance()[0] @ A
-    base = np.array([0.0, 0.0, 0.0, 0.02, 0.03])
-    numeric = [(after(base + e) - after(base - e)) / 2e-5 for e in 1e-5 * np.eye(5)]
+    base = np.array([0.0, 0.0, 0.0, 0.02, 0.03, 0.05])
+    numeric = [(after(base + e) - after(base - e)) / 2e-5 for e in 1e-5 * np.eye(6)]
     np.testing.assert_allclose(A, np.array(numeric).T, atol=1e-6)
 
 
@@ -96,7 +96,7 @@ def test_augmentation_keeps_all_correlations(mission: Mission) -> None:
     angle = drawn[:, 2] + 0.4 + SIGMA_BEARING_RAD * rng.normal(size=n)
     placed = drawn[:, :2] + range_m[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
     sampled = np.cov(np.column_stack([drawn, placed]).T)
-    own = np.r_[0:3, 5:7]
+    own = np.r_[0:3, 6:8]
     np.testing.assert_allclose(filtered.P[np.ix_(own, own)], sampled, atol=3e-3)
     assert filtered.landmark_cov(0)[2, 2] == 0.0
 
@@ -110,7 +110,7 @@ def test_a_landmark_seen_again_at_once_changes_no_pose(mission: Mission) -> None
     np.testing.assert_allclose(state(filtered), before, atol=1e-12)
     # two equal looks from one place say nothing of that place, and halve the landmark's own error
     np.testing.assert_allclose(filtered.P[:3, :3], P[:3, :3], atol=1e-12)
-    assert np.trace(filtered.landmark_cov(0)) < np.trace(P[5:, 5:])
+    assert np.trace(filtered.landmark_cov(0)) < np.trace(P[6:, 6:])
 
 
 def test_the_update_is_the_least_squares_one(mission: Mission) -> None:
@@ -121,14 +121,14 @@ def test_the_update_is_the_least_squares_one(mission: Mission) -> None:
     measured, noise = z + np.array([0.03, -0.01]), np.diag([SIGMA_RANGE_M, SIGMA_BEARING_RAD]) ** 2
 
     def residual(x: Array) -> Array:
-        offset = x[5:7] - x[:2]
+        offset = x[6:8] - x[:2]
         angle = np.arctan2(offset[1], offset[0]) - x[2]
         return np.array([np.hypot(*offset), wrap_angle(angle)]) - measured
 
-    some = np.r_[0:3, 5:7]
+    some = np.r_[0:3, 6:8]
     x, information = before.copy(), np.linalg.inv(P[np.ix_(some, some)])
     for _ in range(20):
-        steps = 1e-6 * np.eye(7)
+        steps = 1e-6 * np.eye(8)
         H = np.array([(residual(x + e) - residual(x - e)) / 2e-6 for e in steps]).T[:, some]
         gradient = information @ (x - before)[some] + H.T @ np.linalg.solve(noise, residual(x))
         normal = information + H.T @ np.linalg.solve(noise, H)
@@ -157,7 +157,7 @@ def test_a_removed_landmark_leaves_the_rest_as_it_was(mission: Mission) -> None:
         filtered.augment(Landmark(k), seen(2.0 + k, 0.3 * k))
     x, P = state(filtered), filtered.P.copy()
     filtered.remove(1)
-    rest = np.r_[0:7, 9:11]
+    rest = np.r_[0:8, 10:12]
     np.testing.assert_array_equal(state(filtered), x[rest])
     np.testing.assert_array_equal(filtered.P, P[np.ix_(rest, rest)])
     assert [landmark.id for landmark in filtered.landmarks] == [0, 2]
@@ -181,3 +181,30 @@ def test_a_landmark_at_the_sensor_tells_no_bearing(mission: Mission) -> None:
     filtered.update(one.measured[None], one.cov[None], np.array([0]))
     assert np.all(np.isfinite(state(filtered)))
     np.testing.assert_allclose(filtered.P, before)
+
+
+def test_a_compass_that_wanders_makes_the_course_no_worse_than_itself() -> None:
+    """Its error forgets itself: the turn since the start is wrong by two draws of it, not more."""
+    t = np.arange(0.0, 400.0, 0.1)
+    sigma, time_s = 0.03, 20.0
+    motion = PlanarMotion(
+        t,
+        np.zeros((len(t), 2)),
+        np.zeros(len(t)),
+        np.zeros((len(t), 3)),
+        course_is_heading=True,
+        scale_sigma=0.0,
+        curvature_sigma=0.0,
+        disturbance_sigma=sigma,
+        disturbance_time_s=time_s,
+    )
+    start = Alignment(0.0, np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), georeferenced=True)
+    steps = np.arange(0.0, 300.0, 1.0)
+    moving = PlanarVehicle(Mission("m", {}), motion, start, steps)
+    P = moving.P_start.copy()
+    for elapsed in steps[1:]:
+        A, noise = moving.advance()
+        P = A @ P @ A.T + noise
+        expected = 2 * sigma**2 * (1 - np.exp(-elapsed / time_s))
+        assert P[2, 2] == pytest.approx(expected, rel=1e-6)
+        assert P[5, 5] == pytest.approx(sigma**2, rel=1e-6)

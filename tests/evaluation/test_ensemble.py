@@ -8,9 +8,11 @@ from scipy.stats import chi2
 
 from gtsam_nav.evaluation.ensemble import (
     NormalisedErrors,
+    band_coverage,
     ensemble_nees,
     ensemble_nis,
     normalised_errors,
+    whiteness,
 )
 from gtsam_nav.evaluation.plots import ensemble_figure
 from gtsam_nav.frames import quaternion_from_rpy
@@ -88,3 +90,30 @@ def test_innovations_are_averaged_over_spans() -> None:
     expected = chi2.ppf([0.025, 0.975], 20 * 20 * 3) / (20 * 20)
     assert [found.lower95[0], found.upper95[0]] == pytest.approx(expected)
     assert len(ensemble_figure({"ins-ekf": {"gnss": found}}).axes) == 1
+
+
+def test_bands_of_an_honest_estimator_hold_their_shares() -> None:
+    for shares in band_coverage([run(seed, 1.0) for seed in range(50)]).values():
+        assert shares == pytest.approx((0.683, 0.954, 0.997), abs=0.02)
+    for shares in band_coverage([run(seed, 0.5) for seed in range(50)]).values():
+        assert shares[0] < 0.5
+
+
+def correlated(seed: int, kept: float) -> Innovations:
+    steps = np.random.default_rng(seed).normal(size=(400, 2))
+    for k in range(1, len(steps)):
+        steps[k] = kept * steps[k - 1] + np.sqrt(1 - kept**2) * steps[k]
+    return Innovations(np.arange(400.0), np.sum(steps**2, axis=1), 2, steps)
+
+
+def test_innovations_that_hang_together_are_not_white() -> None:
+    white = whiteness([correlated(seed, 0.0) for seed in range(100)])
+    assert white is not None
+    assert white.fraction_inside >= 0.9
+    assert abs(white.autocorrelation) < 0.02
+    assert white.bound95 == pytest.approx(1.96 / np.sqrt(2 * 399))
+    coloured = whiteness([correlated(seed, 0.3) for seed in range(20)])
+    assert coloured is not None
+    assert coloured.fraction_inside < 0.1
+    assert coloured.autocorrelation == pytest.approx(0.3, abs=0.05)
+    assert whiteness([Innovations(np.arange(5.0), np.ones(5), 1)]) is None

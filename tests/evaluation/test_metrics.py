@@ -292,12 +292,12 @@ def test_evaluate_takes_the_solutions_reference_or_another_or_none() -> None:
         evaluate(solution, solution.mission.first("dvl"))
 
 
-def test_the_document_has_the_keys_of_the_design_and_the_clock_offsets() -> None:
+def test_the_document_has_the_keys_of_the_design_clock_offsets_and_relations() -> None:
     document = evaluate(solutions.graph_solution()).to_json()
     assert set(document) == {
         "ate", "ate_3d", "ate_online", "rpe", "drift_percent", "heading_error_deg", "nees", "nis",
         "coverage", "loops", "rejected", "n_keyframes", "sonar", "gnss_used", "gnss_withheld",
-        "clock_offsets",
+        "clock_offsets", "relations",
     }  # fmt: skip
     for key in ("ate", "ate_3d", "ate_online"):
         assert set(document[key]) == {"none", "start", "se2", "se3"}

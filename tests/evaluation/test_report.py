@@ -79,7 +79,7 @@ def test_the_page_needs_nothing_else(page: Page) -> None:
 def test_the_figures_stand_beside_the_page(written: Path) -> None:
     assert {path.name for path in (written / "plots").iterdir()} == {
         "plan_view.png", "horizontal_errors.png", "position_errors_dr.png",
-        "position_errors_graph.png", "heading.png", "compass_bias_graph.png",
+        "position_errors_graph.png", "position_sigma.png", "heading.png", "compass_bias_graph.png",
         "slow_states_graph.png", "loops_graph.png", "sensor_timeline.png",
         "nees.png", "nis_graph.png",
     }  # fmt: skip

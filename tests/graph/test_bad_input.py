@@ -49,7 +49,8 @@ def test_fixes_that_are_all_outliers_do_not_pass_for_a_position(mission: Mission
     clean = estimated(mission)
     assert solution.gnss_used <= 3
     assert not solution.georeferenced
-    assert any("fixes agree with each other" in warning for warning in solution.warnings)
+    (said,) = [warning for warning in solution.warnings if "fixes agree with each other" in warning]
+    assert said.endswith("so where they put the vehicle is arbitrary")
     shape, clean_shape = (gn.evaluate(s).ate.se2 for s in (solution, clean))
     assert shape is not None
     assert clean_shape is not None
@@ -82,6 +83,18 @@ def test_a_log_and_fixes_that_contradict_each_other_are_named(mission: Mission) 
     slow = replace(dvl, series=replace(dvl.series, v_d=0.5 * dvl.series.v_d))
     solution = estimated(mission.with_sensor(slow))
     assert any("contradict each other" in warning for warning in solution.warnings)
+
+
+def test_outliers_that_nothing_holds_back_are_named_first(mission: Mission) -> None:
+    """Least squares on them bends all others: what bends comes first, and the way out."""
+    bare = [f"graph.robust.gnss.{key}" for key in ("kernel=none", "gate_probability=null")]
+    fault = "gnss:outliers=0.3,size=20:100"
+    solution = gn.estimate(mission, "graph", gn.load_config(None, bare), faults=(fault,))
+    (warning,) = [w for w in solution.warnings if "contradict each other" in w]
+    assert warning.startswith("'gnss' (half of its residuals are above ")
+    assert "'velocity' (" in warning
+    assert "a gate keeps outliers of 'gnss' from pulling the others" in warning
+    assert not any("seems to be" in w for w in solution.warnings)
 
 
 def test_agreement_brings_no_warning(mission: Mission) -> None:

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
 from gtsam_nav.frames import Array
+from gtsam_nav.graph._echo_equations import squared_residuals
 from gtsam_nav.graph._echo_kernel import (
-    accumulate,
+    ByX,
     fixed_points,
     grid,
+    kept,
     local_lines,
-    mutual,
     partners,
-    squared_residuals,
+    sorted_by_x,
 )
-from gtsam_nav.graph.refinement import _assemble
+from gtsam_nav.graph.scan_pairs import PlacedEchoes, ScanPairs
 from gtsam_nav.series import BoolArray, IntArray
 from gtsam_nav.sonar.scans import planar_rotations
 
@@ -36,6 +38,8 @@ class Case:
     i: IntArray
     j: IntArray
     weight: Array
+
+    scan_first = np.array([0, 5, 10])
 
     def arms(self, knots: Array) -> Array:
         turns = knots[:, 2][np.stack([self.knot, self.knot + 1], axis=1)]
@@ -65,29 +69,22 @@ class Case:
         return float(total)
 
     def system(self) -> tuple[Array, Array]:
-        n = len(self.knots)
-        pairs = self.knot[self.i] * n + self.knot[self.j]
-        intervals, block = np.unique(pairs, return_inverse=True)
-        A, g = accumulate(
-            self.i,
-            self.j,
-            block,
-            len(intervals),
-            self.xy(self.knots),
-            self.arms(self.knots),
-            self.cov,
-            self.normal,
-            self.is_line,
-            self.fraction,
-            self.weight,
+        pairs = ScanPairs(np.array([[0, 1]]), self.knot, self.scan_first, len(self.knots))
+        placed = PlacedEchoes(self.xy(self.knots), self.arms(self.knots), self.cov, self.fraction)
+        first = np.array([0, len(self.i)])
+        information, gradient = pairs.normal_equations(
+            self.i, self.j, first, placed, self.normal, self.is_line, self.weight
         )
-        return _assemble(intervals // n, intervals % n, A, g, n)
+        return information.toarray(), gradient
 
 
-def case(seed: int, residual_m: float = 0.3) -> Case:
+APART = np.repeat([0, 2], 5)
+ADJOINING = np.array([0, 0, 0, 1, 1, 1, 1, 2, 2, 2])
+
+
+def case(seed: int, residual_m: float = 0.3, knot: IntArray = APART) -> Case:
     rng = np.random.default_rng(seed)
     knots = np.column_stack([3.0 * np.arange(4), rng.normal(size=4), rng.normal(size=4)])
-    knot = np.repeat([0, 2], 5)
     fraction = rng.uniform(size=10)
     place = rng.uniform(-10, 10, size=(10, 2))
     place[5:] = place[:5] + rng.normal(scale=residual_m, size=(5, 2))
@@ -110,18 +107,20 @@ def case(seed: int, residual_m: float = 0.3) -> Case:
     )
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_gradient_is_that_of_the_cost(seed: int) -> None:
-    c = case(seed)
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("knot", [APART, ADJOINING])
+def test_gradient_is_that_of_the_cost(seed: int, knot: IntArray) -> None:
+    c = case(seed, knot=knot)
     _, g = c.system()
     h = 1e-6
     slope = [(c.cost(h * d) - c.cost(-h * d)) / (2 * h) for d in np.eye(12)]
     np.testing.assert_allclose(g, -np.array(slope), rtol=1e-4, atol=1e-4 * np.abs(g).max())
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_information_is_the_curvature_where_residuals_vanish(seed: int) -> None:
-    c = case(seed, residual_m=0.0)
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("knot", [APART, ADJOINING])
+def test_information_is_the_curvature_where_residuals_vanish(seed: int, knot: IntArray) -> None:
+    c = case(seed, residual_m=0.0, knot=knot)
     A, g = c.system()
     np.testing.assert_allclose(g, 0.0, atol=1e-9)
     np.testing.assert_allclose(A, A.T)
@@ -150,10 +149,14 @@ def test_moving_everything_together_costs_nothing(seed: int) -> None:
     assert np.trace(A) > 1.0
 
 
+def one_scan(xy: Array) -> ByX:
+    return sorted_by_x(xy, np.zeros(len(xy), dtype=int), np.array([0, len(xy)]))
+
+
 def test_local_lines_find_the_wall_and_not_the_loner() -> None:
     wall = np.column_stack([np.linspace(0, 4, 9), 0.5 * np.linspace(0, 4, 9)])
     xy = np.concatenate([wall, [[1.0, 2.5]], [[30.0, 30.0]]])
-    normal, is_line = local_lines(xy, np.array([0, len(xy)]), 3.0, 0.4)
+    normal, is_line = local_lines(one_scan(xy), 3.0, 0.4)
     np.testing.assert_array_equal(is_line, [True] * 9 + [False, False])
     across = np.array([-1.0, 2.0]) / np.sqrt(5)
     np.testing.assert_allclose(np.abs(normal[:9] @ across), 1.0, atol=1e-6)
@@ -161,53 +164,72 @@ def test_local_lines_find_the_wall_and_not_the_loner() -> None:
 
 def test_local_lines_do_not_mix_scans() -> None:
     wall = np.column_stack([np.linspace(0, 4, 6), np.zeros(6)])
-    _, is_line = local_lines(wall, np.array([0, 3, 6]), 10.0, 0.4)
+    by_x = sorted_by_x(wall, np.repeat([0, 1], 3), np.array([0, 3, 6]))
+    _, is_line = local_lines(by_x, 10.0, 0.4)
     assert not np.any(is_line)
 
 
 def paired(
-    xy: Array, scan: IntArray, is_line: BoolArray, normal: Array, **change: float
-) -> list[tuple[int, int]]:
-    scan_xy = np.array([[0.0, 0.0], [5.0, 0.0], [100.0, 0.0]])
-    gate = change.get("gate", 1.0)
-    i, j = partners(
-        xy,
-        grid(xy, gate),
-        scan,
-        3,
-        scan_xy,
-        change.get("radius", 30.0),
+    xy: Array, scan_first: list[int], is_line: BoolArray, normal: Array, gate: float = 1.0
+) -> list[list[tuple[int, int]]]:
+    """Pairs of each two of three scans: 0 and 1, 0 and 2, 1 and 2."""
+    scan = np.repeat([0, 1, 2], np.diff(scan_first))
+    i, j, first = partners(
+        np.array([[0, 1], [0, 2], [1, 2]]),
+        sorted_by_x(xy, scan, np.array(scan_first)),
         gate,
         normal,
         is_line,
         np.ones(len(xy), dtype=bool),
     )
-    return list(zip(i.tolist(), j.tolist(), strict=True))
+    every = list(zip(i.tolist(), j.tolist(), strict=True))
+    return [sorted(every[a:b]) for a, b in itertools.pairwise(first.tolist())]
 
 
-def test_partners_are_the_nearest_of_each_other_nearby_scan() -> None:
-    xy = np.array([[0.0, 0.0], [0.5, 0.0], [0.2, 0.0], [0.1, 0.0], [9.0, 9.0]])
-    scan = np.array([0, 1, 1, 2, 1])
-    no = np.zeros(5, dtype=bool)
-    # scan 2 was taken too far away, and echo 4 lies outside the gate
-    assert paired(xy, scan, no, np.zeros((5, 2))) == [(0, 2), (1, 0), (2, 0)]
-    near = paired(xy, scan, no, np.zeros((5, 2)), radius=1000.0)
-    assert near == [(0, 2), (0, 3), (1, 0), (1, 3), (2, 0), (2, 3), (3, 0), (3, 2)]
-    assert paired(xy, scan, no, np.zeros((5, 2)), gate=0.15) == []
+def test_partners_are_the_nearest_of_the_other_scan() -> None:
+    xy = np.array([[0.0, 0.0], [0.5, 0.0], [0.2, 0.0], [9.0, 9.0], [0.1, 0.0]])
+    points, walls = np.zeros(5, dtype=bool), np.ones(5, dtype=bool)
+    along = np.tile([0.0, 1.0], (5, 1))
+    mutual = [[(0, 2), (2, 0)], [(0, 4), (4, 0)], [(2, 4), (4, 2)]]
+    assert paired(xy, [0, 1, 4, 5], points, along) == mutual
+    # an echo on a wall takes its nearest even where that one prefers another
+    one_sided = [[(0, 2), (1, 0), (2, 0)], [(0, 4), (4, 0)], [(1, 4), (2, 4), (4, 2)]]
+    assert paired(xy, [0, 1, 4, 5], walls, along) == one_sided
+    assert paired(xy, [0, 1, 4, 5], points, along, gate=0.1) == [[], [], []]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_partners_are_those_of_an_exhaustive_search(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    xy, scan = rng.uniform(0, 8, (120, 2)), np.repeat([0, 1, 2], 40)
+    is_line, direction = rng.uniform(size=120) < 0.6, rng.choice([0.0, 0.3, 1.5], 120)
+    normal = np.column_stack([np.cos(direction), np.sin(direction)])
+    distance = np.linalg.norm(xy[:, None] - xy, axis=2)
+    likewise = (is_line[:, None] == is_line) & (~is_line | (np.abs(normal @ normal.T) >= 0.9))
+    distance[(distance >= 1.5) | ~likewise] = np.inf
+    wanted = []
+    for a, b in ((0, 1), (0, 2), (1, 2)):
+        between = np.where((scan == a)[:, None] & (scan == b), distance, np.inf)
+        between = np.minimum(between, between.T)
+        best = np.argmin(between, axis=1)
+        has = np.isfinite(between.min(axis=1))
+        wanted.append(
+            [(i, int(best[i])) for i in np.flatnonzero(has) if is_line[i] or best[best[i]] == i]
+        )
+    assert paired(xy, [0, 40, 80, 120], is_line, normal, gate=1.5) == wanted
+    assert sum(map(len, wanted)) > 100
 
 
 def test_walls_pair_with_walls_of_like_direction_only() -> None:
     xy = np.zeros((4, 2)) + 1e-3 * np.arange(4)[:, None]
-    scan = np.array([0, 1, 1, 1])
     is_line = np.array([True, True, True, False])
     normal = np.array([[0.0, 1.0], [1.0, 0.0], [0.0, -1.0], [0.0, 0.0]])
-    assert paired(xy, scan, is_line, normal) == [(0, 2), (2, 0)]
+    assert paired(xy, [0, 1, 4, 4], is_line, normal) == [[(0, 2), (2, 0)], [], []]
 
 
-def test_mutual_choices() -> None:
-    scan = np.array([0, 1, 1])
-    i, j = np.array([0, 1, 2]), np.array([2, 0, 0])
-    np.testing.assert_array_equal(mutual(i, j, scan, 3), [True, False, True])
+def test_groups_of_which_some_members_are_kept() -> None:
+    keep = np.array([True, False, True, False, False, True])
+    np.testing.assert_array_equal(kept(keep, np.array([0, 2, 2, 5, 6])), [0, 1, 1, 2, 3])
 
 
 def test_fixed_points_are_corners_and_scatterers() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import get_args
 
 import gtsam
@@ -15,7 +16,9 @@ from scipy.stats import norm
 import gtsam_nav as gn
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import X
-from gtsam_nav.graph.robust import THRESHOLDS, KernelName, Robustness
+from gtsam_nav.graph.robust import CUTTING, THRESHOLDS, KernelName, Robustness
+from gtsam_nav.mission import Mission
+from gtsam_nav.series import HeadingSeries
 
 # weight of a residual e in units of the threshold
 PAPERS: dict[KernelName, Callable[[float], float]] = {
@@ -89,3 +92,49 @@ def test_unknown_kernels_and_thresholds_are_refused() -> None:
     for bad in ({"kernel": "welsch"}, {"threshold": 0.0}, {"gate_probability": 0.9}):
         with pytest.raises(ValidationError):
             Robustness.model_validate(bad)
+
+
+# ------------------------------------------------------------------------ starting far from the end
+
+
+@pytest.fixture(scope="module")
+def disturbed() -> Mission:
+    """A compass that is off by many of its sigmas, which the graph's own states make good."""
+    mission = gn.simulate("marina", seed=1, duration_s=100.0).without("sonar", "landmarks")
+    heading = mission.sensors["heading"]
+    assert isinstance(heading.series, HeadingSeries)
+    turned = replace(heading.series, heading=heading.series.heading + np.radians(8.0))
+    return mission.with_sensor(replace(heading, series=turned))
+
+
+@pytest.mark.parametrize("kernel", CUTTING)
+def test_a_kernel_that_cuts_does_not_begin_with_it(disturbed: Mission, kernel: KernelName) -> None:
+    config = gn.load_config(None, [f"graph.robust.heading.kernel={kernel}"])
+    weights = gn.estimate(disturbed, "graph", config).robust_weights["heading"]
+    assert weights.kernel == kernel
+    assert np.mean(weights.weight > 0.5) > 0.8
+
+
+@pytest.mark.parametrize("sensor", ["heading", "depth", "gnss", "velocity"])
+def test_what_a_kernel_leaves_no_weight_is_a_rejection(disturbed: Mission, sensor: str) -> None:
+    settings = [f"graph.robust.{sensor}.{key}" for key in ("kernel=tls", "threshold=1.5")]
+    if sensor == "gnss":
+        settings.append("graph.robust.gnss.gate_probability=null")
+    solution = gn.estimate(disturbed, "graph", gn.load_config(None, settings))
+    weightless = solution.robust_weights[sensor].weight == 0.0
+    said = [r for r in solution.rejections if r.reason == "no weight under its kernel (tls)"]
+    assert {r.sensor for r in said} == {sensor}
+    assert len(said) == np.sum(weightless) > 0
+    wanted = solution.robust_weights[sensor].residual[weightless]
+    np.testing.assert_allclose(sorted(r.normalised_residual or 0.0 for r in said), sorted(wanted))
+
+
+def test_only_kernels_that_cut_are_put_off() -> None:
+    robust = gn.load_config(
+        None, ["graph.robust.depth.kernel=tls", "graph.robust.gnss.kernel=tukey"]
+    ).graph.robust
+    first = robust.at_first
+    assert (first.depth.kernel, first.gnss.kernel) == ("cauchy", "cauchy")
+    assert first.gnss.gate_probability == robust.gnss.gate_probability
+    unchanged = {"depth": robust.depth, "gnss": robust.gnss}
+    assert first.model_copy(update=unchanged) == robust

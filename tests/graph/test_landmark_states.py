@@ -179,14 +179,6 @@ def test_a_made_factor_is_that_of_the_sensor_model(elevation: bool, level: bool)
     body = BodyState(R_nb, p_n, np.zeros(3))
     seen = Sighting(5.0, 3.0, 0.4 if elevation else None, 0.2, 0.05)
     model = observe(body, landmark_n[None], sensor, elevation=elevation, level=np.array([level]))
-    wanted = factors.sighting(
-        X(0),
-        L(0),
-        R_nb.T @ (landmark_n - p_n),
-        model.jacobian_landmark[0] @ R_nb,
-        model.residual(seen.measured)[0],
-        2.0 * seen.cov,
-    )
     states = {
         int(X(0)): factors.nav_state(R_nb, p_n, np.zeros(3)),
         int(L(0)): factors.nav_state(np.eye(3), landmark_n, np.zeros(3)),
@@ -195,10 +187,32 @@ def test_a_made_factor_is_that_of_the_sensor_model(elevation: bool, level: bool)
     for key, state in states.items():
         values.insert(key, state)
     made = Seen(0, int(L(0)), seen, sensor, level, excess=2.0).make(states.__getitem__)
-    for got, want in zip(
-        made.linearize(values).jacobian(), wanted.linearize(values).jacobian(), strict=True
-    ):
-        np.testing.assert_allclose(got, want, atol=1e-9)
+    A, b = made.linearize(values).jacobian()
+    m = len(seen.measured)
+    whiten = np.linalg.inv(np.linalg.cholesky(2.0 * seen.cov))
+    by_key = dict(zip(list(made.keys()), np.split(A[:m], 2, axis=1), strict=True))
+    np.testing.assert_allclose(-b[:m], whiten @ model.residual(seen.measured)[0], atol=1e-9)
+    np.testing.assert_allclose(by_key[X(0)], whiten @ model.jacobian_body[0], atol=1e-9)
+    by_landmark = whiten @ model.jacobian_landmark[0]
+    np.testing.assert_allclose(by_key[L(0)][:, 3:6], by_landmark, atol=1e-9)
+    assert not np.any(A[m:])
+    assert not np.any(b[m:])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 3])
+def test_an_imu_and_level_sightings_hold_the_place_but_not_the_height(seed: int) -> None:
+    """Where accelerometers alone tell the height it runs away, and must not take all along."""
+    solution = gn.estimate(gn.simulate("ranger", seed=seed, duration_s=150.0), "graph")
+    errors = gn.evaluate(solution).ate.none
+    assert errors is not None
+    assert errors.max < 0.2
+    assert not any("settled" in warning for warning in solution.warnings)
+    (warning,) = [w for w in solution.warnings if w.startswith("nothing measures the height")]
+    assert solution.trajectory.cov_pose_n is not None
+    sigma_d = np.sqrt(solution.trajectory.cov_pose_n[-1, 2, 2])
+    assert f"grows to {sigma_d:.0f} m at" in warning
+    assert abs(solution.trajectory.p_n[-1, 2]) < 3.0 * sigma_d
 
 
 def spoilt(robot: Mission, **columns: object) -> Mission:
@@ -319,6 +333,27 @@ def test_a_scaled_sighting_is_that_of_the_sensor_model(seed: int) -> None:
     weighed = factors.robust(factor, Robustness(kernel="cauchy", threshold=1.0))
     squared = float(np.sum((whiten @ model.residual) ** 2))
     np.testing.assert_allclose(2 * weighed.error(values), squared / (1 + squared), rtol=1e-6)
+
+
+def test_a_level_landmark_knows_no_depth_beside_a_range_scale_either() -> None:
+    """A tilt must not count for more the deeper the body is."""
+    series = gn.simulate("ranger", seed=0).sensors["landmarks"].series
+    sensor = Sensor(name="landmarks", type="landmarks", series=series)
+    seen = Sighting(5.0, 0.9, None, 0.2, 0.05)
+    found = []
+    for depth_m in (0.0, 500.0):
+        states = {
+            int(X(0)): factors.nav_state(np.eye(3), np.array([0.0, 0.0, depth_m]), np.zeros(3)),
+            int(L(0)): factors.nav_state(np.eye(3), np.array([3.0, 4.0, 0.0]), np.zeros(3)),
+            int(S(0)): factors.nav_state(np.eye(3), np.zeros(3), np.zeros(3)),
+        }
+        values = gtsam.Values()
+        for key, state in states.items():
+            values.insert(key, state)
+        made = Seen(0, int(L(0)), seen, sensor, True, scale_key=int(S(0))).make(states.__getitem__)
+        found.append(made.linearize(values).jacobian())
+    np.testing.assert_allclose(found[0][0], found[1][0], atol=1e-9)
+    np.testing.assert_allclose(found[0][1], found[1][1], atol=1e-9)
 
 
 def test_a_quiet_vehicle_starts_at_rest_in_the_graph_too() -> None:

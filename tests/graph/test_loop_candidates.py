@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from gtsam_nav.graph.online import _searches
 from gtsam_nav.graph.scan_matching import (
     PlanarPose,
     loop_candidates,
@@ -80,3 +81,11 @@ def test_match_that_contradicts_the_estimate_is_rejected(off_m: float, accepted:
     assert found.is_loop
     if not accepted:
         assert "contradicts the estimate" in found.reason
+
+
+@pytest.mark.parametrize("n_scans", [1, 7, 10, 11, 25, 1000])
+def test_a_bounded_number_of_scans_search_at_even_intervals(n_scans: int) -> None:
+    searching = np.flatnonzero([_searches(new, n_scans, 10) for new in range(n_scans)])
+    assert len(searching) == min(n_scans, 10)
+    intervals = np.diff(searching)
+    assert len(intervals) == 0 or intervals.max() - intervals.min() <= 1

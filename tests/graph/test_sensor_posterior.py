@@ -1,4 +1,4 @@
-"""The reduction of the sensors' graph to planar knots, against dense linear algebra."""
+"""The sensors' Gaussian, alone and with the sonar, against dense linear algebra."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.sparse import coo_array
 
 from gtsam_nav.config import Config
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.backend import Backend, graph_of, planar_rows
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.keyframes import keyframe_times
+from gtsam_nav.graph.knot_system import KnotSystem
 from gtsam_nav.graph.measurements import build_problem
 from gtsam_nav.graph.output import smoothed_covariances
 from gtsam_nav.graph.problem import Problem
@@ -102,7 +104,7 @@ def dense_solution(case: Case, keyframes: IntArray) -> Dense:
         )
         np.testing.assert_allclose(-root * residual(0, 0), r[3:6], atol=1e-6)
         for columns, block in ((slice(0, 9), d.k - 1), (slice(9, 18), d.k)):
-            own = case.posterior.columns[X(block)]
+            own = case.posterior.system.columns[X(block)]
             H[own, n:] += J[3:6, columns].T @ J_d
             H[n:, own] += J_d.T @ J[3:6, columns]
         H[n:, n:] += J_d.T @ J_d
@@ -111,7 +113,7 @@ def dense_solution(case: Case, keyframes: IntArray) -> Dense:
     planar = np.zeros((n + 2, 3 * len(keyframes)))
     for m, k in enumerate(keyframes.tolist()):
         R = case.values.atNavState(X(k)).attitude().matrix()
-        planar[case.posterior.columns[X(k)], 3 * m : 3 * m + 3] = planar_rows(R).T
+        planar[case.posterior.system.columns[X(k)], 3 * m : 3 * m + 3] = planar_rows(R).T
     # balance the units before inverting
     scale = 1 / np.sqrt(np.diag(H))
     cov = scale[:, None] * np.linalg.inv(scale[:, None] * H * scale) * scale
@@ -123,62 +125,79 @@ def case(request: pytest.FixtureRequest) -> Case:
     return make_case(request.param, (0.02, np.radians(1.0)))
 
 
-def test_reduction_equals_the_dense_augmented_system(case: Case) -> None:
-    dense, posterior = dense_solution(case, KNOTS), case.posterior
-    n = len(posterior.mean)
-    cross = dense.cov @ dense.planar
-    sigma = np.sqrt(np.diag(dense.cov)[:n])
-    planar_cov = dense.planar.T @ cross
-    planar_sigma = np.sqrt(np.diag(planar_cov))
-    np.testing.assert_allclose(posterior.mean / sigma, dense.mean[:n] / sigma, atol=1e-4)
-    relative = np.outer(sigma, planar_sigma)
-    np.testing.assert_allclose(posterior.cross / relative, cross[:n] / relative, atol=1e-5)
-    relative = np.outer(planar_sigma, planar_sigma)
-    np.testing.assert_allclose(posterior.planar_cov / relative, planar_cov / relative, atol=1e-5)
-    np.testing.assert_allclose(
-        posterior.planar_mean / planar_sigma,
-        (dense.planar.T @ dense.mean) / planar_sigma,
-        atol=1e-4,
-    )
-    calibration = posterior.calibration
-    np.testing.assert_allclose(calibration.mean, dense.mean[n:], atol=1e-6)
-    np.testing.assert_allclose(calibration.cov, dense.cov[n:, n:], rtol=1e-4, atol=1e-12)
-    np.testing.assert_allclose(calibration.cross, cross[n:], atol=1e-4 * np.abs(cross[n:]).max())
+def assert_close_in_sigmas(got: Array, wanted: Array, cov: Array, atol: float) -> None:
+    np.testing.assert_allclose(got / np.sqrt(np.diag(cov)), wanted / np.sqrt(np.diag(cov)), 0, atol)
 
 
-def test_covariances_with_sonar_equal_the_dense_ones(case: Case) -> None:
+def assert_same_covariance(got: Array, wanted: Array, atol: float) -> None:
+    relative = np.sqrt(np.outer(np.diag(wanted), np.diag(wanted)))
+    np.testing.assert_allclose(got / relative, wanted / relative, 0, atol)
+
+
+def test_sensors_alone_equal_the_dense_augmented_system(case: Case) -> None:
     dense, posterior = dense_solution(case, KNOTS), case.posterior
-    rng = np.random.default_rng(0)
-    root = rng.normal(size=(12, 6)) / np.sqrt(np.diag(posterior.planar_cov))[:, None]
-    information = root @ root.T
+    n = len(posterior.step)
+    assert_close_in_sigmas(posterior.step, dense.mean[:n], dense.cov[:n, :n], 1e-4)
+    planar_cov = dense.planar.T @ dense.cov @ dense.planar
+    assert_same_covariance(posterior.planar_cov, planar_cov, 1e-5)
+    constants = posterior.constants
+    np.testing.assert_allclose(constants.mean, dense.mean[n:], atol=1e-6)
+    np.testing.assert_allclose(constants.cov, dense.cov[n:, n:], rtol=1e-4, atol=1e-12)
+
+
+def test_covariances_of_the_sensors_alone_equal_the_dense_ones(case: Case) -> None:
+    dense = dense_solution(case, KNOTS)
     keys = sorted(case.values.keys())
-    got = smoothed_covariances(case.graph, keys, posterior, information)
-    C = dense.cov @ dense.planar
-    S = dense.planar.T @ C
-    with_sonar = dense.cov - C @ information @ np.linalg.solve(np.eye(12) + S @ information, C.T)
+    got = smoothed_covariances(case.graph, keys, case.posterior)
     for key, cov in zip(keys, got, strict=True):
-        own = posterior.columns[key]
-        wanted = with_sonar[own, own]
-        sigma = np.sqrt(np.diag(wanted))
-        relative = np.outer(sigma, sigma)
+        own = case.posterior.system.columns[key]
         # the marginals still hold the pinned components
-        np.testing.assert_allclose(cov / relative, wanted / relative, atol=2e-3)
+        assert_same_covariance(cov, dense.cov[own, own], 2e-3)
 
 
-def test_step_given_the_planar_poses_hits_them(case: Case) -> None:
-    posterior = case.posterior
-    planar = posterior.planar_mean + 0.01 * np.arange(12)
-    step = posterior.step_given(planar)
-    S = dense_solution(case, KNOTS).planar[: len(step)]
-    np.testing.assert_allclose(S.T @ step, planar, atol=1e-8)
-    np.testing.assert_allclose(
-        posterior.step_given(posterior.planar_mean), posterior.mean, atol=1e-12
-    )
+def test_covariance_does_not_depend_on_how_many_columns_are_solved_at_once(
+    case: Case, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("gtsam_nav.graph.sensor_posterior.COLUMNS_AT_ONCE", 5)
+    again = sensor_posterior(case.graph, case.values, KNOTS, case.problem)
+    assert_same_covariance(again.planar_cov, case.posterior.planar_cov, 1e-9)
+
+
+@pytest.mark.parametrize("most_between", [0, 1, 8])
+def test_sensors_and_sonar_equal_the_dense_system(
+    case: Case, most_between: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The sonar's information is added to the dense normal equations."""
+    monkeypatch.setattr("gtsam_nav.graph.knot_system.MOST_BETWEEN", most_between)
+    monkeypatch.setattr("gtsam_nav.graph.dissection.LARGEST_UNDIVIDED", 2)
+    dense = dense_solution(case, KNOTS)
+    sigma = np.sqrt(np.diag(dense.planar.T @ dense.cov @ dense.planar))
+    root = np.random.default_rng(0).normal(size=(12, 6)) / sigma[:, None]
+    information, gradient = root @ root.T, root @ np.arange(6.0)
+    P = dense.planar
+    gain = dense.cov @ P @ np.linalg.inv(np.eye(12) + information @ P.T @ dense.cov @ P)
+    cov = dense.cov - gain @ information @ P.T @ dense.cov
+    mean = dense.mean + gain @ (gradient - information @ P.T @ dense.mean)
+
+    touching = coo_array(np.ones((12, 12)))
+    knots = KnotSystem(case.graph, case.values, KNOTS, case.problem, touching)
+    joint = knots.with_sonar(coo_array(information), gradient)
+    n, columns = len(knots.system.g), knots.system.columns
+    assert_close_in_sigmas(joint.planar.ravel(), P.T @ mean, P.T @ cov @ P, 1e-3)
+    np.testing.assert_allclose(joint.constants.mean, mean[n:], atol=1e-6)
+    np.testing.assert_allclose(joint.constants.cov, cov[n:, n:], rtol=1e-3, atol=1e-12)
+    keys = sorted(case.values.keys())
+    for key, got in zip(keys, joint.covariances(keys), strict=True):
+        assert_same_covariance(got, cov[columns[key], columns[key]], 1e-3)
+    moved = joint.moved()
+    for k in range(len(case.problem.t)):
+        step = case.values.atNavState(X(k)).localCoordinates(moved.atNavState(X(k)))
+        own = columns[X(k)]
+        assert_close_in_sigmas(step, mean[own], cov[own, own], 2e-3)
 
 
 def test_known_calibration_changes_nothing() -> None:
     free = make_case(False, (0.0, 0.0))
-    assert np.abs(free.posterior.calibration.mean).max() < 1e-9
-    spread = free.posterior.calibration.spread
-    sigma2 = np.diag(free.posterior.planar_cov)
-    assert (spread**2).sum() < 1e-9 * sigma2.sum()
+    assert np.abs(free.posterior.constants.mean).max() < 1e-9
+    spread = free.posterior.spread
+    assert (spread**2).sum() < 1e-9 * np.trace(free.posterior.planar_cov)

@@ -13,9 +13,9 @@ import gtsam_nav as gn
 from gtsam_nav.config import Config
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.clocks import find_clocks
-from gtsam_nav.graph.estimator import _start_and_motion
 from gtsam_nav.graph.factors import X, gnss, gnss_velocity, heading, orientation
 from gtsam_nav.graph.measurements.gnss import VELOCITY_OUTLIER
+from gtsam_nav.graph.outset import start_and_motion
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.timing import TimingError, timing_effect, timing_errors
 from gtsam_nav.mission import Mission
@@ -142,7 +142,7 @@ def laps() -> Mission:
 
 def test_trusted_clocks_cost_nothing(laps: Mission) -> None:
     assert timing_errors(laps) == ()
-    start, motion = _start_and_motion(laps, Config())
+    start, motion = start_and_motion(laps, Config())
     clocks = find_clocks(laps, start, motion, np.arange(3.0), Config(), no_progress)
     assert clocks.corrected(laps) is laps
 
@@ -182,6 +182,28 @@ def test_a_clock_that_nothing_tells_keeps_its_sigma_and_is_named(laps: Mission) 
     assert not offset.observed
     assert offset.sigma_s == pytest.approx(0.1, rel=0.1)
     assert any("time offset of sensor 'gnss' cannot be told" in w for w in resting.warnings)
+
+
+def test_a_doubted_clock_of_a_sensor_that_is_not_used_is_named_too(laps: Mission) -> None:
+    config = gn.load_config(None, ["gnss.use=none"])
+    solution = gn.estimate(doubted(laps.crop(0.0, 15.0), "gnss", 0.0, sigma_s=0.1), "graph", config)
+    offset = found(solution, "gnss")
+    assert (offset.offset_s, offset.sigma_s, offset.observed) == (0.0, 0.1, False)
+    assert any("time offset of sensor 'gnss' cannot be told" in w for w in solution.warnings)
+
+
+@pytest.mark.parametrize(
+    ("offset_s", "word"), [(0.0, None), (1.0, "late"), (-1.0, "early")], ids=str
+)
+def test_a_trusted_clock_that_is_off_is_suspected(
+    laps: Mission, offset_s: float, word: str | None
+) -> None:
+    shifted = gn.estimate(laps, "graph", faults=(f"clock:gnss={offset_s}",))
+    said = [w for w in shifted.warnings if w.startswith("'gnss' seems to be")]
+    assert len(said) == (word is not None)
+    if word is not None:
+        assert f" s {word} (sigma " in said[0]
+        assert float(said[0].split()[4]) == pytest.approx(1.0, abs=0.5)
 
 
 def test_two_clocks_that_are_both_doubted_are_told_apart_only_as_far_as_trusted(

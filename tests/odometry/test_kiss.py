@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 
 from gtsam_nav.errors import EstimationError
 from gtsam_nav.frames import quaternion_from_rpy
@@ -172,6 +173,14 @@ def test_the_adjoint_carries_small_motions_over() -> None:
     turn = Rotation.from_rotvec(moved[:3]).as_matrix()
     np.testing.assert_allclose(turn @ R_ab, R, atol=1e-10)
     np.testing.assert_allclose(turn @ p_a + moved[3:], p, atol=1e-10)
+
+
+def test_a_track_that_begins_under_way_begins_well(mission: Mission) -> None:
+    """Its first cloud is bent by a motion that only the second tells."""
+    moving = mission.crop(1.6)
+    track = cloud_odometry(moving, KissSettings(), no_progress)
+    assert track is not None
+    assert nees_of(track, mission)[0] < chi2.ppf(0.9999, 6)
 
 
 @pytest.mark.slow

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from rovers import LANDMARKS_N, rover
 
+from gtsam_nav import simulate
 from gtsam_nav.config import load_config
 from gtsam_nav.errors import DataError
 from gtsam_nav.mission import Mission
@@ -60,10 +61,27 @@ def test_the_surveyed_map_is_given_up_and_that_is_said() -> None:
     assert NO_MAP in found.warnings
 
 
-def test_without_a_measured_speed_there_is_no_association() -> None:
+@pytest.mark.parametrize("association", ["joint", "nearest"])
+def test_an_imu_alone_is_enough(association: str) -> None:
+    """Over two minutes in which its path runs away by many times the landmarks' distance."""
+    mission = simulate("ranger", seed=1, duration_s=120.0)
+    settings = LandmarkSettings(association=association)
+    found = sightings(identified(mission, CONFIG.motion, settings)).id
+    agree(found, sightings(mission).id)
+    assert np.mean(found >= 0) > 0.97
+
+
+def test_without_any_motion_there_is_no_association() -> None:
     mission = rover(0, duration_s=10.0).without("odometry")
-    with pytest.raises(DataError, match="association=joint needs a DVL or odometry"):
+    with pytest.raises(DataError, match="the motion needs a DVL with valid samples, odometry or"):
         identified(mission, CONFIG.motion, CONFIG.landmarks)
+
+
+def test_two_sensors_of_landmarks_are_not_told_apart() -> None:
+    mission = rover(0, duration_s=10.0)
+    other = replace(mission.sensors["landmarks"], name="other")
+    with pytest.raises(DataError, match="single sensor of landmarks; there are landmarks, other"):
+        identified(mission.with_sensor(other), CONFIG.motion, CONFIG.landmarks)
 
 
 def test_what_was_seen_once_is_of_no_landmark() -> None:

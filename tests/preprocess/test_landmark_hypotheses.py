@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from gtsam_nav.frames import Array
+from gtsam_nav.preprocess.landmark_drift import of_odometry
 from gtsam_nav.preprocess.landmark_hypotheses import Sighted, _Hypotheses, explained
 from gtsam_nav.preprocess.planar_motion import Increments
 from gtsam_nav.preprocess.planar_smoothing import SightedPoints
@@ -25,7 +26,7 @@ def drive(x: Array, pose: IntArray, landmark: IntArray, variance: Array) -> Sigh
     cov_b = np.tile(0.05**2 * np.eye(2), (len(pose), 1, 1))
     seen = SightedPoints(pose, p_b, cov_b)
     increments = Increments(steps, np.zeros(len(x) - 1), variance)
-    return Sighted(increments, seen, np.ones(len(pose)), 0.0, 0.0)
+    return Sighted(increments, seen, np.ones(len(pose)), of_odometry(increments, 0.0, 0.0))
 
 
 def row_seen_twice(odometry_off_m: float) -> tuple[Sighted, IntArray]:

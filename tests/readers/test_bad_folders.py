@@ -67,6 +67,49 @@ def test_a_sensor_without_a_valid_sample_is_left_out_and_said(
     assert {r.sensor for r in mission.rejections} <= {"x"}
 
 
+def test_the_commonest_reason_is_given_for_a_sensor_that_is_left_out(tmp_path: Path) -> None:
+    text = "t,depth_m,sigma\n0,1,-1\n1,1,-1\nnan,1,1\n"
+    (warning,) = open_mission(depth_folder(tmp_path, text)).warnings
+    assert "(3 dropped, mostly for: implausible sigma)" in warning
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "usual"),
+    [
+        ("gnss", "t,n,e,d,sigma_n,sigma_e,sigma_d\n0,1,2,0,0,0,0\n1,2,2,0,0,0,0\n", [1.5, 1.5, 3]),
+        ("gnss", "t,n,e,d,sigma_n,sigma_e,sigma_d\n0,1,2,0,2,2,0\n1,2,2,0,2,2,0\n", [2, 2, 3]),
+        ("depth", "t,depth_m,sigma\n0,1,0\n1,1,0\n", 0.1),
+        ("heading", "t,heading_deg,sigma_deg\n0,1,0\n1,1,0\n", np.radians(0.5)),
+        ("attitude", "t,roll_deg,pitch_deg,sigma_deg\n0,1,0,0\n1,1,0,0\n", np.radians(0.5)),
+        ("dvl", "t,vx,vy,vz,sigma,valid\n0,1,0,0,0,1\n1,1,0,0,0,1\n", 0.05),
+    ],
+)
+def test_sigmas_of_zero_throughout_are_the_cards(
+    tmp_path: Path, kind: str, text: str, usual: Any
+) -> None:
+    mission = open_mission(one_sensor_folder(tmp_path, kind, text))
+    assert not mission.rejections
+    series: Any = mission.sensors["x"].series
+    np.testing.assert_allclose(series.sigma, np.broadcast_to(usual, series.sigma.shape))
+    (warning,) = mission.warnings
+    assert "of zero throughout: the noise figures serve instead (sigma" in warning
+
+
+def test_the_same_of_odometry_and_sightings(tmp_path: Path) -> None:
+    odometry = "t,vx,vy,wz,sigma_v,sigma_w\n0,1,0,0,0,0.1\n1,1,0,0,0,0.1\n"
+    seen = "t,id,range_m,bearing_deg,sigma_range,sigma_bearing_deg\n0,1,5,9,0,0\n1,1,5,8,0,0\n"
+    moved: Any = open_mission(one_sensor_folder(tmp_path / "a", "odometry", odometry))
+    assert (moved.sensors["x"].series.sigma_v == 0.1).all()
+    sighted: Any = open_mission(one_sensor_folder(tmp_path / "b", "landmarks", seen))
+    assert (sighted.sensors["x"].series.sigma_range == 0.5).all()
+    np.testing.assert_allclose(sighted.sensors["x"].series.sigma_bearing, np.radians(2.0))
+
+
+def test_a_sigma_of_zero_among_others_is_a_rejection(tmp_path: Path) -> None:
+    mission = open_mission(depth_folder(tmp_path, "t,depth_m,sigma\n0,1,0\n1,1,0.1\n"))
+    assert [r.reason for r in mission.rejections] == ["implausible sigma"]
+
+
 @pytest.mark.parametrize("text", ["t,depth_m\n", "t,depth_m\nnan,1\n"])
 def test_a_mission_without_any_usable_sensor_is_an_error(tmp_path: Path, text: str) -> None:
     folder = make_folder(tmp_path, {"d.csv": text}, {"depth": {"file": "d.csv"}})
@@ -172,6 +215,16 @@ def test_a_cloud_that_is_missing_is_rejected(tmp_path: Path) -> None:
         (
             "sensors: {depth: {file: d.csv, noise: {sigma: 1}}}",
             "sensors.depth: noise.sigma: Extra inputs are not permitted; the choices are: sigma_m",
+        ),
+        (
+            "sensors: {imu: {file: d.csv, noise: {gyro_noise_density_deg_sqrth: 0.3}}}",
+            "gyro_noise_density_rad_s_sqrt_hz, gyro_noise_density_deg_sqrt_h,"
+            " gyro_noise_density_deg_s_sqrt_hz, accel_noise_density_m_s2_sqrt_hz,",
+        ),
+        (
+            "sensors: {imu: {file: d.csv, noise: {accel_bias_sigma_mg: 1,"
+            " accel_bias_sigma_ug: 2}}}",
+            "noise: give one of accel_bias_sigma_ug and accel_bias_sigma_mg",
         ),
         (
             "sensors: {depth: {file: d.csv, noise: {sigma_m: -1}}}",

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from missions import one_sensor_folder
 
 from gtsam_nav.errors import ConfigError, DataError
 from gtsam_nav.readers import describe, open_mission
@@ -47,6 +48,34 @@ def test_columns_are_renamed_and_scaled(tmp_path: Path) -> None:
     np.testing.assert_allclose(imu.accel_i[3], [4, 5, -6])
     np.testing.assert_allclose(depth.depth_m, [1, 2, 3])
     assert tmp_path / "card.yaml" in read.sources
+
+
+def test_units_of_an_imu_come_on_top_of_the_scale(tmp_path: Path) -> None:
+    """Fast turns in deg/s are no implausible rad/s: the unit counts before any check."""
+    entry = IMU | {"gyro_unit": "deg/s", "accel_unit": "g", "scale": {"t": 1e-9, "gx": 200}}
+    read = open_mission(files(tmp_path), card=card(tmp_path, imu=entry))
+    imu = read.sensors["imu"].series
+    assert isinstance(imu, ImuSeries)
+    np.testing.assert_allclose(imu.gyro_i[3], np.radians([600, 2, 3]))
+    np.testing.assert_allclose(imu.accel_i[3], 9.80665 * np.array([4, 5, 6]))
+    assert read.rejections == ()
+
+
+def test_units_are_of_an_imu_alone(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="gyro_unit is of an imu; a depth has columns to scale"):
+        open_mission(files(tmp_path), card=card(tmp_path, depth=DEPTH | {"gyro_unit": "deg/s"}))
+
+
+def test_repeated_messages_are_dropped_where_the_card_says_so(tmp_path: Path) -> None:
+    (tmp_path / "compass.csv").write_text("t,heading_deg\n0,5\n1,5\n2,6\n3,5\n")
+    entry = {"file": "compass.csv"}
+    for drops, stamps in ((False, [0, 1, 2, 3]), (True, [0, 2, 3])):
+        stated = {"sensors": {"heading": entry | {"drop_repeats": drops}}}
+        (tmp_path / "mission.yaml").write_text(yaml.safe_dump(stated))
+        read = open_mission(tmp_path)
+        assert read.sensors["heading"].series.t.tolist() == stamps
+        reasons = [(r.index, r.reason) for r in read.rejections]
+        assert reasons == ([(1, "repeats the sample before")] if drops else [])
 
 
 def test_one_file_will_do(tmp_path: Path) -> None:
@@ -101,9 +130,9 @@ def test_a_map_that_does_not_fit_is_told_the_choices(
         open_mission(files(tmp_path), card=card(tmp_path, imu=entry))
 
 
-def test_a_format_that_describes_itself_takes_no_card(tmp_path: Path) -> None:
-    (tmp_path / "dvl.txt").write_text(
-        '{"time": 1, "vx": 1, "vy": 1, "vz": 1, "fom": 1, "altitude": 1, "velocity_valid": true}\n'
-    )
+def test_a_folder_that_describes_itself_takes_no_card(tmp_path: Path) -> None:
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    one_sensor_folder(folder, "depth", "t,depth_m,sigma\n0,1,0.1\n1,2,0.1\n")
     with pytest.raises(ConfigError, match="'mission' is for a ROS bag, CSV with a card"):
-        open_mission(tmp_path / "dvl.txt", card=card(tmp_path, imu=IMU))
+        open_mission(folder, card=card(tmp_path, imu=IMU))

@@ -195,6 +195,17 @@ def test_the_card_says_that_a_gyro_is_in_degrees(tmp_path: Path) -> None:
     np.testing.assert_allclose(series.gyro_i[:, 0], np.pi)
 
 
+def test_the_card_says_that_an_accelerometer_is_in_g(tmp_path: Path) -> None:
+    path = bag_of(tmp_path, lambda m: still(m, accel=(0, 0, 1)))
+    entry = {"topic": "/imu/data", "accel_unit": "g", "drop_repeats": True}
+    read = open_mission(path, card=card(tmp_path, {"imu": entry}))
+    series = read.sensors["imu"].series
+    assert isinstance(series, ImuSeries)
+    np.testing.assert_allclose(np.abs(series.accel_i[:, 2]), 9.80665)
+    assert len(series) == 1
+    assert {r.reason for r in read.rejections} == {"repeats the sample before"}
+
+
 def test_of_two_imus_the_first_is_taken_and_said(tmp_path: Path) -> None:
     path = bag_of(tmp_path, lambda m: still(m, "/imu/a") + still(m, "/imu/b"))
     (note,) = [w for w in open_mission(path).warnings if w.startswith("without a card")]

@@ -153,10 +153,44 @@ def test_corridor_is_uncertain_along_itself(seed: int) -> None:
     assert abs(match.q[2]) < np.radians(0.5)
 
 
-def test_corridor_of_straight_lines_does_not_fix_the_pose() -> None:
-    prior = np.array([0.8, 0.2, 0.02])
-    match = register(scan_of(corridor()), scan_of(corridor(90)), prior, PRIOR_COV, NO_FLOOR)
-    assert "singular" in match.failure
+@pytest.mark.parametrize("function", [register, register_readable])
+@pytest.mark.parametrize("turn", [0.0, 0.7])
+def test_straight_walls_tell_nothing_along_themselves_and_all_the_rest(
+    function: object, turn: float
+) -> None:
+    assert callable(function)
+    along = np.array([np.cos(turn), np.sin(turn)])
+    lines = [seen_from(corridor(n), np.array([0.0, 0.0, -turn])) for n in (60, 90)]
+    prior = np.array([*(0.8 * along), 0.02])
+    match = function(scan_of(lines[0]), scan_of(lines[1]), prior, PRIOR_COV, NO_FLOOR)
+    assert match.ok
+    assert match.unobserved.shape == (1, 3)
+    np.testing.assert_allclose(np.abs(match.unobserved[0, :2] @ along), 1.0, atol=1e-6)
+    to_way = np.array([along, [-along[1], along[0]]])
+    sigma = np.sqrt(np.diag(to_way @ match.cov[:2, :2] @ to_way.T))
+    assert sigma[0] > 50.0
+    assert sigma[1] < 0.1
+    assert np.sqrt(match.cov[2, 2]) < np.radians(1.0)
+    # what is not told stays where the search began
+    assert match.q[:2] @ along == pytest.approx(0.8, abs=0.5)
+    assert abs(match.q[:2] @ to_way[1]) < 0.05
+
+
+def test_echoes_far_along_a_wall_are_no_landmarks() -> None:
+    """At grazing incidence they lie metres apart, and each stands alone in its surroundings."""
+    rng = np.random.default_rng(3)
+    near = np.linspace(-8.0, 8.0, 60)
+    scans = []
+    for _ in range(2):
+        far = np.cumsum(rng.uniform(3.2, 5.0, 4)) + 8.0
+        x = np.concatenate([near, far, -far])
+        sides = [np.column_stack([x, np.full(len(x), y)]) for y in (-9.0, 11.0)]
+        points = np.concatenate(sides)
+        scans.append(scan_of(points + rng.normal(scale=SIGMA_M, size=points.shape)))
+    match = register(*scans, np.array([0.3, 0.1, 0.01]), PRIOR_COV, NO_FLOOR)
+    assert match.ok
+    assert np.sqrt(match.cov[0, 0]) > 5.0
+    assert np.sqrt(match.cov[1, 1]) < 0.5
 
 
 def test_covariance_has_a_floor() -> None:

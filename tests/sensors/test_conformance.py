@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from gtsam_nav.frames import Array, rotation_from_rpy
-from gtsam_nav.graph import factors
+from gtsam_nav.graph import factors, sighting_factors
 from gtsam_nav.graph.factors import G, L, M, X
 from gtsam_nav.mission import Sensor
 from gtsam_nav.sensors import depth, dvl, gnss, landmarks, motion_constraints, orientation
@@ -138,7 +138,7 @@ def sighting(state: BodyState, rng: np.random.Generator, spread: float, *, eleva
         sigma_bearing=rng.uniform(0.01, 0.1),
     )
     prediction = landmarks.predict(state, landmark_n, seen, sensor)
-    factor = factors.sighting(
+    factor = sighting_factors.sighting(
         X(0),
         L(0),
         state.R_nb.T @ (landmark_n - state.p_n),

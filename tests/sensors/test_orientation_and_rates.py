@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from gtsam_nav.frames import Array, rotation_from_rpy
+from gtsam_nav.frames import Array, rotation_from_rpy, wrap_angle
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.sensors.orientation import UNMEASURED_TILT_SIGMA_RAD, headings_true, tilt_at
-from gtsam_nav.sensors.rates import angular_rate_b
+from gtsam_nav.sensors.rates import angular_rate_b, mean_gyro_bias_b
 from gtsam_nav.series import AttitudeSeries, HeadingSeries, ImuSeries, OdometrySeries
 
 T = np.arange(0.0, 60.0, 0.1)
@@ -93,3 +93,12 @@ def test_then_from_the_compass() -> None:
 @pytest.mark.parametrize("sensors", [(), (compass(np.zeros(1), T[:1]),)])
 def test_else_nothing_turns(sensors: tuple[Sensor, ...]) -> None:
     np.testing.assert_array_equal(angular_rate_b(mission(*sensors), T), np.zeros((len(T), 3)))
+
+
+def test_the_mean_gyro_bias_is_what_the_compass_does_not_turn() -> None:
+    R_bi, bias_b = rotation_from_rpy([0.0, 0.0, 0.7]), np.array([0.01, -0.02, 0.03])
+    imu = gyro(tuple(R_bi.T @ np.add(bias_b, [0.0, 0.0, RATE])), R_bi)
+    north = compass(wrap_angle(3.0 + RATE * T))
+    np.testing.assert_allclose(mean_gyro_bias_b(mission(imu, north)), bias_b, atol=1e-12)
+    np.testing.assert_array_equal(mean_gyro_bias_b(mission(imu)), np.zeros(3))
+    np.testing.assert_array_equal(mean_gyro_bias_b(mission(north)), np.zeros(3))

@@ -81,7 +81,7 @@ def equal(a: Series, b: Series) -> bool:
         ("dvl:drop=300:420", Silence("dvl", (300.0, 420.0))),
         ("heading:bias=15@600:900", HeadingBias("heading", 15.0, (600.0, 900.0))),
         ("heading:bias=-3.5", HeadingBias("heading", -3.5)),
-        ("imu:gap=100:110", Silence("imu", (100.0, 110.0))),
+        ("imu:gap=100:110", Silence("imu", (100.0, 110.0), "gap")),
         ("loops:false=0.5", FalseLoops(0.5)),
         ("loops:false=0.2,group=10", FalseLoops(0.2, 10)),
         ("sonar:drop=0.5", Dropout("sonar", 0.5)),
@@ -91,6 +91,10 @@ def equal(a: Series, b: Series) -> bool:
 )
 def test_specifications_are_read(spec: str, fault: Fault) -> None:
     assert parse_fault(spec) == fault
+
+
+def test_a_gap_is_called_as_it_was_given() -> None:
+    assert str(parse_fault("imu:gap=100:110")) == "imu:gap=100:110"
 
 
 @given(any_fault)

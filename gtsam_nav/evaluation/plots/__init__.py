@@ -9,6 +9,7 @@ from gtsam_nav.evaluation.plots.loops import loop_verdicts
 from gtsam_nav.evaluation.plots.plan import plan_view
 from gtsam_nav.evaluation.plots.style import save_png
 from gtsam_nav.evaluation.plots.timeline import sensor_timeline
+from gtsam_nav.evaluation.plots.weakness import position_sigma
 
 __all__ = [
     "compass_bias",
@@ -20,6 +21,7 @@ __all__ = [
     "mission_nis",
     "plan_view",
     "position_errors",
+    "position_sigma",
     "save_png",
     "sensor_timeline",
     "slow_states",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from gtsam_nav.evaluation.histories import line_starts
 from gtsam_nav.frames import Array
+from gtsam_nav.writers.atomic import replacing_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -90,8 +90,7 @@ def broken(t: Array, *values: Array) -> list[Array]:
 
 def save_png(figure: Figure, path: Path) -> Path:
     """Write a figure; the same figure gives the same bytes. Whole or not at all."""
-    draft = path.with_name(f".{path.name}.draft")
-    # tight: legends and labels that stand beside the axes are not cut
-    figure.savefig(draft, format="png", facecolor="white", bbox_inches="tight", pad_inches=0.15)
-    os.replace(draft, path)  # noqa: PTH105
+    with replacing_file(path) as draft:
+        # tight: legends and labels that stand beside the axes are not cut
+        figure.savefig(draft, format="png", facecolor="white", bbox_inches="tight", pad_inches=0.15)
     return path

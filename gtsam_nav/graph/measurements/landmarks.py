@@ -162,6 +162,7 @@ class Sightings:
                 sighting(self.series, i),
                 self._mounted(i),
                 level=self.is_level(landmark),
+                planar=problem.planar,
                 excess=float(excess[i]),
                 scale_key=scale_key,
             )

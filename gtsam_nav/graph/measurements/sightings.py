@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from gtsam_nav.frames import Array
-from gtsam_nav.graph import factors
+from gtsam_nav.frames import Array, skew
+from gtsam_nav.graph import sighting_factors
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.problem import StateAt
 from gtsam_nav.mission import Sensor
@@ -26,6 +26,8 @@ class Seen:
         As if mounted on that keyframe's body.
     level : bool
         The landmark is taken to lie level with the sensor.
+    planar : bool
+        The body stays upright, at one depth.
     excess : float
         By how much its variance grows because earlier sightings share its error.
     scale_key : int or None
@@ -37,6 +39,7 @@ class Seen:
     values: Sighting
     sensor: Sensor
     level: bool
+    planar: bool = False
     excess: float = 1.0
     scale_key: int | None = None
 
@@ -58,21 +61,26 @@ class Seen:
             by_scale[0] = values[0]
             values[0] += scale.position()[0] * values[0]
             by_point[0] += scale.position()[0] * by_point[0]
-        by_offset = by_point @ self.sensor.R_bs.T
+        by_offset = by_point_b = by_point @ self.sensor.R_bs.T
         if self.level:
             by_offset = by_offset - np.outer(by_offset @ R_nb[2], R_nb[2])
         residual = values - self.values.polar
         residual[1:] = (residual[1:] + np.pi) % (2 * np.pi) - np.pi
         residual[~np.any(by_point, axis=1)] = 0.0
         rows, cov = self.values.rows, self.excess * self.values.cov
-        if scale is None:
-            return factors.sighting(
+        if scale is None and (self.planar or not self.level):
+            return sighting_factors.sighting(
                 X(self.k), self.key, offset_b, by_offset[rows], residual[rows], cov
             )
-        keys = (X(self.k), self.key, self.scale_key)
-        states = (body, landmark, scale)
-        return factors.scaled_sighting(
-            keys, states, by_offset[rows], by_scale[rows], residual[rows], cov
+        by_turn = by_point_b @ skew(counted_b) + by_offset @ skew(self.sensor.xyz_b)
+        slopes = sighting_factors.SightingSlopes(by_offset[rows], by_turn[rows])
+        if scale is None:
+            return sighting_factors.level_sighting(
+                X(self.k), self.key, (body, landmark), slopes, residual[rows], cov
+            )
+        keys, states = (X(self.k), self.key, self.scale_key), (body, landmark, scale)
+        return sighting_factors.scaled_sighting(
+            keys, states, slopes, by_scale[rows], residual[rows], cov
         )
 
 

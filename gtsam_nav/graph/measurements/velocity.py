@@ -11,7 +11,8 @@ from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.problem import ConstantError, Displacement, Problem
 from gtsam_nav.mission import Mission
 from gtsam_nav.sensors.dvl import water_spells
-from gtsam_nav.sensors.noise import DvlNoise, OdometryNoise
+from gtsam_nav.sensors.noise import DvlNoise
+from gtsam_nav.sensors.odometry import velocity_calibration_sigma
 
 
 def add(problem: Problem, mission: Mission, config: Config) -> None:
@@ -21,7 +22,7 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
     """
     if not problem.measures_velocity:
         return
-    problem.calibration_sigma = _calibration_sigma(mission)
+    problem.calibration_sigma = velocity_calibration_sigma(mission)
     within_s, current_sigma = _through_water(problem, mission, config)
     moved_m = current_sigma * np.sum(within_s, axis=0)
     _add_increments(problem, config, not problem.uses_imu and not problem.has_compass, moved_m)
@@ -29,17 +30,6 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
     if not problem.uses_imu:
         for k in range(len(problem.t)):
             add_velocity(problem, k, config)
-
-
-def _calibration_sigma(mission: Mission) -> Array:
-    """Spread of scale and misalignment of whichever sensor measures the velocity."""
-    dvl, odometry = mission.first("dvl"), mission.first("odometry")
-    noise: DvlNoise | OdometryNoise
-    if dvl is not None:
-        noise = DvlNoise.model_validate(dvl.noise)
-    else:
-        noise = OdometryNoise.model_validate(odometry.noise if odometry else {})
-    return np.array([noise.scale_sigma, np.radians(noise.misalignment_sigma_deg)])
 
 
 def _through_water(problem: Problem, mission: Mission, config: Config) -> tuple[Array, float]:

@@ -1,0 +1,226 @@
+"""Every sensor against every other that sees the same motion: who is wrong where they differ."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gtsam_nav.audit.agreement import Lag, Signal
+from gtsam_nav.audit.antenna import AntennaFit, antenna_fit, lever_findings, steady_yaw
+from gtsam_nav.audit.clocks import ClockPair, clock_findings
+from gtsam_nav.audit.courses import (
+    BOW,
+    Baselines,
+    Velocity,
+    baselines,
+    compass_series,
+    velocity_sources,
+)
+from gtsam_nav.audit.directions import (
+    TRACK,
+    DirectionBlame,
+    DirectionPair,
+    direction_blame,
+    direction_findings,
+    direction_pairs,
+)
+from gtsam_nav.audit.findings import Finding
+from gtsam_nav.audit.heading import (
+    HeadingAgainstCourse,
+    heading_against_course,
+    heading_findings,
+    mirrored_fixes,
+)
+from gtsam_nav.audit.inertial import inertial_findings, z_is_up
+from gtsam_nav.audit.receiver import velocity_findings
+from gtsam_nav.audit.turns import (
+    TurnPair,
+    Turns,
+    in_radians,
+    turn_findings,
+    turn_pairs,
+    turns_of,
+    wrong_signs,
+)
+from gtsam_nav.audit.vertical import VerticalPair, vertical_findings, vertical_pairs
+from gtsam_nav.mission import Mission
+from gtsam_nav.sensors.noise import DvlNoise, HeadingNoise, OdometryNoise
+from gtsam_nav.series import HeadingSeries
+
+
+@dataclass(frozen=True)
+class Comparisons:
+    """What the sensors of a mission say of each other.
+
+    Attributes
+    ----------
+    gnss : tuple of Finding
+        What the receivers' velocities say of their fixes.
+    turns, turn_pairs : what saw turns, and how each two agree
+    compass : HeadingSeries or None
+        The first one, declination applied and radians put right.
+    sources : tuple of Velocity
+        The bow last.
+    ways : Baselines or None
+    directions : tuple of DirectionPair
+    blame : DirectionBlame
+    course : HeadingAgainstCourse or None
+        Of the first compass, with the first velocity that is not to blame.
+    wrong_sign : tuple of str
+        Who turns the other way round.
+    vertical : tuple of VerticalPair
+    antennas : dict of str to AntennaFit
+    """
+
+    gnss: tuple[Finding, ...]
+    turns: dict[str, Turns]
+    turn_pairs: tuple[TurnPair, ...]
+    compass: HeadingSeries | None
+    sources: tuple[Velocity, ...]
+    ways: Baselines | None
+    directions: tuple[DirectionPair, ...]
+    blame: DirectionBlame
+    course: HeadingAgainstCourse | None
+    wrong_sign: tuple[str, ...]
+    vertical: tuple[VerticalPair, ...]
+    antennas: dict[str, AntennaFit]
+
+    @property
+    def suspects_motion(self) -> bool:
+        """Whether the way or the turns by which a map is drawn are in doubt."""
+        converted = self.course is not None and not self.course.convention.is_stated
+        return converted or bool(self.wrong_sign or self.blame.quarters or self.blame.offsets)
+
+
+def compare(mission: Mission) -> Comparisons:
+    """Compare whatever measures the same."""
+    gnss = tuple(f for receiver in mission.of_type("gnss") for f in velocity_findings(receiver))
+    distrusted = {f.sensor for f in gnss if f.severity == "warning"}
+    turns = {name: t for name, t in turns_of(mission).items() if name not in distrusted}
+    pairs = turn_pairs(turns)
+    compass = _compass_as_meant(mission)
+    sources = velocity_sources(mission)
+    ways = baselines(mission, compass)
+    directions = direction_pairs(sources, ways, _stated_deg(mission))
+    blame = direction_blame(directions)
+    course = None if ways is None else _course(mission, ways, sources, blame)
+    wrong_sign = _wrong_signs(pairs, course)
+    antennas = {}
+    if compass is not None and len(compass) > 1 and (course is None or course.convention.is_stated):
+        yaw = steady_yaw(Signal(compass.t, np.unwrap(compass.heading)), _gyro(turns, pairs))
+        trusted = [s for s in sources if s.name not in (*blame.quarters, BOW)]
+        fits = {g.name: antenna_fit(g, yaw, trusted) for g in mission.of_type("gnss")}
+        antennas = {name: fit for name, fit in fits.items() if fit is not None}
+    return Comparisons(
+        gnss=gnss,
+        turns=turns,
+        turn_pairs=pairs,
+        compass=compass,
+        sources=sources,
+        ways=ways,
+        directions=directions,
+        blame=blame,
+        course=course,
+        wrong_sign=wrong_sign,
+        vertical=vertical_pairs(mission),
+        antennas=antennas,
+    )
+
+
+def comparison_findings(mission: Mission, c: Comparisons) -> Iterator[Finding]:
+    """Judge what was compared."""
+    upside_down = False
+    for imu in mission.of_type("imu"):
+        compared = any(imu.name in p.pair for p in c.turn_pairs)
+        yield from inertial_findings(imu, imu.name in c.wrong_sign if compared else None)
+        upside_down |= z_is_up(imu)
+    yield from c.gnss
+    yield from turn_findings(c.turns, c.turn_pairs, c.wrong_sign)
+    if c.course is not None:
+        yield from _course_findings(c.course, _stated_deg(mission)[TRACK], c)
+    yield from direction_findings(c.sources, c.ways, c.directions, c.blame)
+    yield from vertical_findings(mission, c.vertical, upside_down)
+    for name, fit in c.antennas.items():
+        yield from lever_findings(mission.sensors[name], fit)
+    yield from clock_findings(_clock_pairs(mission, c))
+
+
+def _course_findings(
+    course: HeadingAgainstCourse, stated_deg: float, c: Comparisons
+) -> Iterator[Finding]:
+    """On the compass, or on the fixes where it is these that are mirrored."""
+    mirrored = course.convention.sign < 0
+    if mirrored and course.gnss in c.wrong_sign and course.heading not in c.wrong_sign:
+        yield mirrored_fixes(course)
+        return
+    suspected = c.wrong_sign if mirrored else (*c.blame.quarters, *c.blame.offsets)
+    known = (course.heading, TRACK, BOW)
+    yield from heading_findings(course, stated_deg, [s for s in suspected if s not in known])
+
+
+def _course(
+    mission: Mission, ways: Baselines, sources: tuple[Velocity, ...], blame: DirectionBlame
+) -> HeadingAgainstCourse | None:
+    compass = mission.first("heading")
+    assert compass is not None
+    trusted = [s for s in sources if s.name not in (*blame.quarters, *blame.offsets)]
+    for velocity in (*trusted, *sources):
+        course = heading_against_course(compass.name, ways, velocity)
+        if course is not None:
+            return course
+    return None
+
+
+def _wrong_signs(
+    pairs: tuple[TurnPair, ...], course: HeadingAgainstCourse | None
+) -> tuple[str, ...]:
+    """With what the fixes say of the compass."""
+    if course is None or not course.follows:
+        return wrong_signs(pairs, (), ())
+    pair = (course.gnss, course.heading)
+    mirrored = course.convention.sign < 0
+    return wrong_signs(pairs, [pair] * mirrored, [pair] * (not mirrored))
+
+
+def _compass_as_meant(mission: Mission) -> HeadingSeries | None:
+    """Headings of the first compass, those in radians put right."""
+    compass = compass_series(mission)
+    if compass is None or not in_radians(compass):
+        return compass
+    return replace(compass, heading=np.degrees(compass.heading))
+
+
+def _gyro(turns: dict[str, Turns], pairs: tuple[TurnPair, ...]) -> Signal | None:
+    """Turns of a gyro that some other sensor confirms in unit and sign."""
+    right = {name for p in pairs if p.unit == 1.0 and not p.opposed for name in p.pair}
+    return next(
+        (t.signal for name, t in turns.items() if t.sensor.type == "imu" and name in right), None
+    )
+
+
+def _stated_deg(mission: Mission) -> dict[str, float]:
+    """Spread of each direction's constant error by the cards, deg."""
+    stated = {BOW: 0.0, TRACK: 0.0}
+    for sensor in (*mission.of_type("dvl"), *mission.of_type("odometry")):
+        model = DvlNoise if sensor.type == "dvl" else OdometryNoise
+        stated[sensor.name] = model.model_validate(sensor.noise).misalignment_sigma_deg
+    compass = mission.first("heading")
+    if compass is not None:
+        stated[TRACK] = HeadingNoise.model_validate(compass.noise).bias_sigma_deg
+    return stated
+
+
+def _clock_pairs(mission: Mission, c: Comparisons) -> list[ClockPair]:
+    """Whose stamps are compared, and with whom."""
+    stated = {name: sensor.time_offset_sigma_s for name, sensor in mission.sensors.items()}
+
+    def pair(y: str, x: str, by: str, lag: Lag) -> ClockPair:
+        return ClockPair(y, x, by, lag, float(np.hypot(stated[y], stated[x])))
+
+    return [
+        *(pair(p.y, p.x, "turns", p.agreement.lag) for p in c.turn_pairs),
+        *(pair(p.y, p.x, "heave", p.agreement.lag) for p in c.vertical),
+        *(pair(name, fit.velocity, "the way", fit.lag) for name, fit in c.antennas.items()),
+    ]

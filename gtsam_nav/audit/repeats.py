@@ -1,0 +1,68 @@
+"""Messages that are sent again under a new stamp."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from gtsam_nav.audit.findings import Finding
+from gtsam_nav.audit.significance import FALSE_ALARM
+from gtsam_nav.frames import Array
+from gtsam_nav.mission import Sensor
+from gtsam_nav.preprocess.repeats import measured_columns, repeats_of
+
+RESOLVED_STEPS = 10
+"""A column whose usual change is fewer steps of its resolution repeats by itself."""
+ARITHMETIC = 1e-3
+"""What the arithmetic of units adds to a change, as a share of their root mean square, at most."""
+
+
+def repeat_findings(sensor: Sensor) -> Iterator[Finding]:
+    """Whether a sensor's samples equal the one before more often than its resolution explains.
+
+    A run of them counts once: at rest a filter may well hold its output.
+    """
+    again = repeats_of(sensor.series)
+    if again is None or len(again) < 2:
+        return
+    share = _explained_share(measured_columns(sensor.series))
+    if share is None:
+        return
+    n, runs = len(again) - 1, int(np.sum(again[1:] & ~again[:-1]))
+    if not runs or not _exceeds(runs, n, share):
+        return
+    message = (
+        f"{int(np.sum(again))} of {n + 1} samples, in {runs} places, repeat the one before to the "
+        f"last digit, where the resolution explains {share * n:.0f} places: old messages under new "
+        f"stamps"
+    )
+    yield Finding("stale messages", sensor.name, "warning", message, "drop_repeats: true")
+
+
+def _exceeds(count: int, n: int, share: float) -> bool:
+    """Whether a share explains a count out of n only in `FALSE_ALARM` of cases."""
+    from scipy.stats import binom
+
+    return bool(binom.sf(count - 1, n, share) < FALSE_ALARM)
+
+
+def _explained_share(columns: list[Array]) -> float | None:
+    """Probability that two samples are equal by chance, by the column that resolves best.
+
+    No change is likelier than the commonest one: with a resolution that is much finer than the
+    noise, the smallest changes are as frequent as none. None where no column resolves its own
+    changes, and so nothing can be told.
+    """
+    shares = []
+    for column in columns:
+        change = np.diff(column)
+        moved = change[change != 0]
+        if not len(moved):
+            continue
+        steps = np.round(moved / (ARITHMETIC * np.sqrt(np.mean(moved**2))))
+        values, counts = np.unique(steps[steps != 0], return_counts=True)
+        if len(values) and np.min(np.abs(values)) * RESOLVED_STEPS * ARITHMETIC < 1.0:
+            # one more than was seen: a share of zero would make any repeat significant
+            shares.append((int(np.max(counts)) + 1) / len(change))
+    return min(shares) if shares else None

@@ -1,0 +1,202 @@
+"""Turns as every sensor saw them: units and signs of gyro and compass.
+
+Gyro, compass, odometry and the course of GNSS velocities measure the same turns. Each two are
+compared; what one of them has in another unit or direction than all the others is its fault.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from gtsam_nav.audit import fixes
+from gtsam_nav.audit.agreement import Agreement, Signal, agreement, integrated
+from gtsam_nav.audit.blame import Pair, suspects
+from gtsam_nav.audit.findings import Finding
+from gtsam_nav.audit.inertial import z_is_up
+from gtsam_nav.mission import Mission, Sensor
+from gtsam_nav.sensors.noise import GnssNoise
+from gtsam_nav.series import GnssSeries, HeadingSeries, ImuSeries, OdometrySeries
+
+DEG = float(np.degrees(1.0))
+FULL_TURN_READ_AS_DEG = float(np.radians(2 * np.pi))
+CLEAR_COURSE_SIGMAS = 5.0
+"""Speed, in sigmas of a GNSS velocity, from which its direction is a course."""
+SOURCES = ("imu", "heading", "odometry", "gnss")
+"""Types of sensor that see turns, the least noisy first."""
+
+
+@dataclass(frozen=True)
+class Turns:
+    """The yaw, rad, but for a constant and a drift, by one sensor."""
+
+    sensor: Sensor
+    signal: Signal
+
+
+@dataclass(frozen=True)
+class TurnPair:
+    """Two sensors' turns, the second one's being those that the first's are compared with."""
+
+    y: str
+    x: str
+    agreement: Agreement
+
+    @property
+    def pair(self) -> Pair:
+        """Their names."""
+        return self.y, self.x
+
+    @property
+    def unit(self) -> float:
+        """The ratio of the units that the gain is nearest to: 1, or 180 / pi to either side."""
+        return unit_ratio(self.agreement.gain)
+
+    @property
+    def opposed(self) -> bool:
+        """Whether the two count the other way round."""
+        return self.agreement.gain < 0
+
+
+def unit_ratio(gain: float) -> float:
+    """1, 180 / pi or pi / 180, whatever is nearest."""
+    return min((1.0, DEG, 1 / DEG), key=lambda unit: abs(np.log(max(abs(gain), 1e-12) / unit)))
+
+
+def turns_of(mission: Mission) -> dict[str, Turns]:
+    """What saw turns, by name, the least noisy first."""
+    found: dict[str, Turns] = {}
+    for kind in SOURCES:
+        for sensor in mission.of_type(kind):
+            signal = _yaw(sensor)
+            if signal is not None and len(signal.t) > 1:
+                found[sensor.name] = Turns(sensor, signal)
+    return found
+
+
+def turn_pairs(turns: dict[str, Turns]) -> tuple[TurnPair, ...]:
+    """Each two sensors that have anything in common."""
+    compared = (
+        (y, x, agreement(turns[y].signal, turns[x].signal)) for x, y in combinations(turns, 2)
+    )
+    return tuple(TurnPair(y, x, found) for y, x, found in compared if found is not None)
+
+
+def _yaw(sensor: Sensor) -> Signal | None:
+    series = sensor.series
+    if isinstance(series, ImuSeries):
+        return integrated(series.t, series.gyro_i @ sensor.R_bs[2])
+    if isinstance(series, HeadingSeries):
+        wrapped = np.degrees(series.heading) if in_radians(series) else series.heading
+        return Signal(series.t, np.unwrap(wrapped))
+    if isinstance(series, OdometrySeries):
+        return integrated(series.t, series.yaw_rate)
+    if isinstance(series, GnssSeries) and series.v_n is not None:
+        noise = GnssNoise.model_validate(sensor.noise)
+        fast = np.hypot(*series.v_n[:, :2].T) > CLEAR_COURSE_SIGMAS * noise.sigma_velocity_m_s
+        course = np.unwrap(np.arctan2(series.v_n[fast, 1], series.v_n[fast, 0]))
+        return Signal(series.t[fast] - noise.velocity_lag_s, course)
+    return None
+
+
+def in_radians(series: HeadingSeries) -> bool:
+    """Whether headings that were read as degrees wrap as radians do: by 6.28 "degrees"."""
+    return is_narrow(series) and bool(
+        np.max(np.abs(np.diff(series.heading)), initial=0.0) > 0.5 * FULL_TURN_READ_AS_DEG
+    )
+
+
+def is_narrow(series: HeadingSeries) -> bool:
+    """Whether no heading, read as degrees, exceeds a full turn in radians."""
+    return bool(np.max(np.abs(series.heading), initial=0.0) <= FULL_TURN_READ_AS_DEG)
+
+
+def wrong_signs(
+    pairs: tuple[TurnPair, ...], mirrored: Collection[Pair], alike: Collection[Pair]
+) -> tuple[str, ...]:
+    """Who counts the other way round than all others.
+
+    Parameters
+    ----------
+    pairs : tuple of TurnPair
+    mirrored, alike : collection of (str, str)
+        What else is known to count the other way, or the same way: a compass and fixes.
+    """
+    return suspects(
+        [*(p.pair for p in pairs if p.opposed), *mirrored],
+        [*(p.pair for p in pairs if not p.opposed), *alike],
+    )
+
+
+def turn_findings(
+    turns: dict[str, Turns], pairs: tuple[TurnPair, ...], wrong_sign: tuple[str, ...]
+) -> Iterator[Finding]:
+    """Judge units and signs of gyros and compasses."""
+    wrong_unit = suspects(
+        [p.pair for p in pairs if p.unit != 1.0], [p.pair for p in pairs if p.unit == 1.0]
+    )
+    narrow = {
+        name
+        for name, turned in turns.items()
+        if isinstance(turned.sensor.series, HeadingSeries) and is_narrow(turned.sensor.series)
+    }
+    for name, turned in turns.items():
+        own = [p for p in pairs if name in p.pair]
+        if turned.sensor.type == "imu" and own:
+            unit = name in wrong_unit and not narrow & {*wrong_unit}
+            yield _gyro(turned.sensor, own, unit, wrong_sign)
+        elif turned.sensor.type == "heading" and own:
+            radians = name in narrow & {*wrong_unit} or in_radians_by(turned.sensor, own)
+            yield _compass(turned.sensor, own, radians, wrong_sign)
+
+
+def _gyro(imu: Sensor, own: list[TurnPair], unit: bool, wrong_sign: tuple[str, ...]) -> Finding:
+    pair = min(own, key=lambda p: p.agreement.gain_sigma / abs(p.agreement.gain))
+    seen = pair.agreement
+    gain, other = (seen.gain, pair.y) if pair.x == imu.name else (1 / seen.gain, pair.x)
+    read = f"{other} turns {gain:.3g} times what the gyro's z integrates to"
+    if unit and unit_ratio(gain) < 1.0:
+        message = f"{read}: it reads in deg/s, not in rad/s"
+        return Finding("gyro unit", imu.name, "warning", message, "gyro_unit: deg/s")
+    if unit:
+        message = f"{read}: it was turned into rad/s twice"
+        fix = fixes.scale("gx gy gz", DEG)
+        return Finding("gyro unit", imu.name, "warning", message, fix)
+    if imu.name in wrong_sign:
+        or_else = "".join(f", or that of {name}" for name in wrong_sign if name != imu.name)
+        message = f"{read}, in the other direction: the sign of body z is wrong{or_else}"
+        return Finding("gyro sign", imu.name, "warning", message, _sign_fix(imu))
+    return Finding("gyro unit", imu.name, "ok", f"{read}, correlation {abs(seen.correlation):.2f}")
+
+
+def _sign_fix(imu: Sensor) -> str:
+    """All axes are turned where gravity says so too; else it is the gyro alone."""
+    if z_is_up(imu):
+        return fixes.mounting(np.diag([1.0, -1.0, -1.0]) @ imu.R_bs)
+    return fixes.scale(("gx", "gy", "gz")[int(np.argmax(np.abs(imu.R_bs[2])))], -1)
+
+
+def in_radians_by(compass: Sensor, own: list[TurnPair]) -> bool:
+    """Whether headings that wrap as radians do turn as others do once they are taken for such."""
+    series = compass.series
+    assert isinstance(series, HeadingSeries)
+    return in_radians(series) and any(p.unit == 1.0 for p in own)
+
+
+def _compass(
+    compass: Sensor, own: list[TurnPair], radians: bool, wrong_sign: tuple[str, ...]
+) -> Finding:
+    others = " and ".join(p.x if p.y == compass.name else p.y for p in own)
+    if radians:
+        message = f"the headings are in radians, not in degrees: then they turn as {others} do"
+        fix = fixes.scale("heading_deg", DEG)
+        return Finding("heading unit", compass.name, "warning", message, fix)
+    if compass.name in wrong_sign:
+        or_else = "".join(f", or that of {name} is" for name in wrong_sign if name != compass.name)
+        message = f"turns the other way than {others}: the sign of the headings is wrong{or_else}"
+        fix = f"{fixes.scale('heading_deg', -1)}, and rpy_deg: [0, 0, -90] if they count from east"
+        return Finding("heading sign", compass.name, "warning", message, fix)
+    return Finding("heading sign", compass.name, "ok", f"turns the same way as {others}")

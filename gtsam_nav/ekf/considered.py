@@ -1,0 +1,103 @@
+"""Errors that a filter takes for zero, in its covariance all the same.
+
+The dead-reckoning filter knows white noise alone: its heading follows the compass, its velocity the
+Doppler log. What a card states of the constant and slowly varying errors of both stays out of the
+estimate, which is then the published one, and enters its covariance: the considered parameters of
+Schmidt, *Application of state-space methods to navigation problems* (1966).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import accumulate
+
+import numpy as np
+
+from gtsam_nav.frames import Array
+from gtsam_nav.mission import Mission
+from gtsam_nav.sensors.noise import HeadingNoise
+from gtsam_nav.sensors.odometry import velocity_calibration_sigma
+from gtsam_nav.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class ConsideredErrors:
+    """Spreads of what a dead-reckoned track does not estimate.
+
+    Attributes
+    ----------
+    heading, disturbance, misalignment : float
+        Constant error of the heading, Gauss-Markov error of the heading, and constant error of the
+        velocity's direction in the body, rad.
+    disturbance_time_s : float
+    scale : float
+        Constant error of the speed, as a share of it.
+    """
+
+    heading: float
+    disturbance: float
+    disturbance_time_s: float
+    misalignment: float
+    scale: float
+
+    @classmethod
+    def of(cls, mission: Mission) -> ConsideredErrors:
+        """As the cards of compass and velocity sensor state them."""
+        scale, misalignment = velocity_calibration_sigma(mission).tolist()
+        compass = mission.first("heading")
+        if compass is None:
+            return cls(0.0, 0.0, 1.0, misalignment, scale)
+        noise = HeadingNoise.model_validate(compass.noise)
+        constant, disturbance = np.radians([noise.bias_sigma_deg, noise.disturbance_sigma_deg])
+        return cls(
+            float(constant), float(disturbance), noise.disturbance_time_s, misalignment, scale
+        )
+
+    @property
+    def constant_heading(self) -> ConsideredErrors:
+        """The constant error of the heading alone."""
+        return ConsideredErrors(self.heading, 0.0, 1.0, 0.0, 0.0)
+
+
+def with_considered(track: Trajectory, errors: ConsideredErrors) -> Trajectory:
+    """A dead-reckoned track with the covariance that these errors add.
+
+    A heading that is wrong turns the way since the start: a constant error all of it, the
+    disturbance each step by what it is at the time.
+    """
+    assert track.v_n is not None
+    assert track.cov_pose_n is not None
+    assert track.sigma_v_n is not None
+    way = (track.p_n - track.p_n[0])[:, :2]
+    aside = way[:, ::-1] * [-1.0, 1.0]
+    wandered, with_disturbance = _turned_by_disturbance(track.t, aside, errors)
+    turned2 = errors.heading**2 + errors.misalignment**2
+    cov = track.cov_pose_n.copy()
+    cov[:, :2, :2] += wandered + turned2 * aside[:, :, None] * aside[:, None]
+    cov[:, :2, :2] += errors.scale**2 * way[:, :, None] * way[:, None]
+    cov[:, 5, 5] += errors.heading**2 + errors.disturbance**2
+    together = with_disturbance + errors.heading**2 * aside
+    cov[:, :2, 5] += together
+    cov[:, 5, :2] += together
+    across = track.v_n[:, [1, 0]]
+    variance_v = track.sigma_v_n**2
+    variance_v[:, :2] += (turned2 + errors.disturbance**2) * across**2
+    variance_v += errors.scale**2 * track.v_n**2
+    return replace(track, cov_pose_n=cov, sigma_v_n=np.sqrt(variance_v))
+
+
+def _turned_by_disturbance(t: Array, aside: Array, errors: ConsideredErrors) -> tuple[Array, Array]:
+    """Covariance (n, 2, 2) of the position by the disturbance, and with it (n, 2)."""
+    steps = np.diff(aside, axis=0)
+    kept = np.exp(-np.diff(t) / errors.disturbance_time_s)
+    # over a step the disturbance that moved the vehicle aside is about that of its middle
+    gained = errors.disturbance**2 * np.sqrt(kept)[:, None] * steps
+    rows = zip(kept.tolist(), gained, strict=True)
+    shared = np.array(
+        list(accumulate(rows, lambda y, row: row[0] * y + row[1], initial=np.zeros(2)))
+    )
+    # before the step it is what the past shares with its middle
+    before = np.sqrt(kept)[:, None] * shared[:-1]
+    added = steps[:, :, None] * before[:, None] + before[:, :, None] * steps[:, None]
+    added += errors.disturbance**2 * steps[:, :, None] * steps[:, None]
+    return np.concatenate([np.zeros((1, 2, 2)), np.cumsum(added, axis=0)]), shared

@@ -1,0 +1,125 @@
+"""The state between two keyframes that are known: the mean and the spread of a bridge.
+
+Errors x of attitude, velocity and position along the navigation axes obey ``x' = F x + w`` with
+white noise w. Of such a process the state at a time t inside an interval T is, given both ends,
+
+``x(t) = (Phi(t) - Psi Phi(T)) x(0) + Psi x(T) + r`` with ``Psi = Q(t) Phi(T - t)' Q(T)^-1``,
+
+where Phi is the transition, Q(t) what the noise has added by then, and r an error that neither end
+knows of, of covariance ``Q(t) - Psi Phi(T - t) Q(t)`` (Barfoot, *State Estimation for Robotics*,
+2017, section 3.4). It is none at both ends.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gtsam_nav.frames import Array, skew
+
+
+@dataclass(frozen=True)
+class Bridge:
+    """How the state at n times follows from the two ends of an interval.
+
+    Attributes
+    ----------
+    by_start, by_end : ndarray, shape (n, 9, 9)
+        Weights of the ends' errors in attitude (rad), velocity (m/s) and position (m).
+    noise : ndarray, shape (n, 9, 9)
+        Covariance of what is left when both ends are known.
+    link : ndarray, shape (9, 9)
+        Information between the ends, ``Phi(T)' Q(T)^-1``.
+    """
+
+    by_start: Array
+    by_end: Array
+    noise: Array
+    link: Array
+
+    def covariance(self, joint: Array) -> Array:
+        """Covariance (n, 9, 9) inside, given the joint one (18, 18) of both ends."""
+        weights = np.concatenate([self.by_start, self.by_end], axis=2)
+        return np.asarray(weights @ joint @ np.swapaxes(weights, 1, 2) + self.noise)
+
+
+def inertial_bridge(t: Array, span_s: float, force_n: Array, gyro2: float, accel2: float) -> Bridge:
+    """Of readings of an IMU with white noise: the turn's error tilts the specific force.
+
+    Parameters
+    ----------
+    t : ndarray, shape (n,)
+        Times after the first end, s.
+    span_s : float
+    force_n : ndarray, shape (3,)
+        Mean specific force, m/s^2.
+    gyro2, accel2 : float
+        Squared densities, rad^2/s and m^2/s^3.
+    """
+    K = -skew(force_n)
+    whole = _added(np.array([span_s]), K, gyro2, accel2)[0]
+    added, rest = _added(t, K, gyro2, accel2), _transition(span_s - t, K)
+    by_end = np.swapaxes(np.linalg.solve(whole, rest @ added), 1, 2)
+    across = _transition(np.array([span_s]), K)[0]
+    by_start = _transition(t, K) - by_end @ across
+    link = np.linalg.solve(whole, across).T
+    return Bridge(by_start, by_end, added - by_end @ rest @ added, link)
+
+
+def joint_of_neighbours(before: Array, after: Array, link: Array) -> Array:
+    """Joint covariance (18, 18) of two states by their own, and what ties them to each other.
+
+    Where nothing else does, the link is the block between them of the inverse: with C their cross
+    covariance, ``P0^-1 C = link (P1 - C' P0^-1 C)``. In units of their roots that is
+    ``X = M (I - X' X)``, and X has the singular vectors of M.
+
+    Parameters
+    ----------
+    before, after : ndarray, shape (9, 9)
+    link : ndarray, shape (9, 9)
+        Information, ``Phi' Q^-1`` of a transition with its noise.
+    """
+    root_before, root_after = _root(before), _root(after)
+    U, s, V = np.linalg.svd(root_before @ link @ root_after)
+    shared = 2 * s / (1 + np.sqrt(1 + 4 * s**2))
+    cross = root_before @ (U * shared) @ V @ root_after
+    return np.block([[before, cross], [cross.T, after]])
+
+
+def _root(P: Array) -> Array:
+    """Symmetric square root."""
+    variances, axes = np.linalg.eigh(P)
+    return np.asarray((axes * np.sqrt(np.maximum(variances, 0.0))) @ axes.T)
+
+
+def _transition(t: Array, K: Array) -> Array:
+    """Phi at times (n,), shape (n, 9, 9): a tilt accelerates, a speed moves."""
+    none, one = np.zeros((len(t), 3, 3)), np.broadcast_to(np.eye(3), (len(t), 3, 3))
+    t = t[:, None, None]
+    return np.block([[one, none, none], [K * t, one, none], [K * t**2 / 2, one * t, one]])
+
+
+def _added(t: Array, K: Array, gyro2: float, accel2: float) -> Array:
+    """Q at times (n,), shape (n, 9, 9)."""
+    one, KK = np.eye(3), K @ K.T
+    t = t[:, None, None]
+    turn, tilted, displaced = gyro2 * t * one, gyro2 * t**2 / 2 * K, gyro2 * t**3 / 6 * K
+    speed = gyro2 * t**3 / 3 * KK + accel2 * t * one
+    both = gyro2 * t**4 / 8 * KK + accel2 * t**2 / 2 * one
+    moved = gyro2 * t**5 / 20 * KK + accel2 * t**3 / 3 * one
+    return np.block(
+        [
+            [turn, -tilted, -displaced],
+            [tilted, speed, both],
+            [displaced, both, moved],
+        ]
+    )
+
+
+def steady_bridge(f: Array, noise: Array, link: Array) -> Bridge:
+    """Of a walk without memory: its ends count by the fraction f (n,), ``noise`` (n, 9) is left,
+    and information ``link`` (9,) ties them."""
+    one = np.eye(9)
+    by_end = f[:, None, None] * one
+    return Bridge(one - by_end, by_end, noise[:, :, None] * one, np.diag(link))

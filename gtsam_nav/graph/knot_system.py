@@ -1,0 +1,263 @@
+"""Sensors and sonar in one sparse system, of which the sonar's part changes at each iteration.
+
+The sonar couples north, east and yaw of knots that are far apart in time; all else is a chain. What
+lies between the knots is eliminated once. The knots' remaining states touch only their neighbours
+in time: they are nodes of their own beside the planar poses, so that a cut through the area keeps
+no more than the planar poses along it and the states where the track crosses it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from gtsam_nav.errors import EstimationError
+from gtsam_nav.frames import Array
+from gtsam_nav.graph.dissection import nested_dissection
+from gtsam_nav.graph.factors import X
+from gtsam_nav.graph.multifrontal import Factor
+from gtsam_nav.graph.problem import Problem
+from gtsam_nav.graph.sensor_posterior import (
+    Constants,
+    LinearSystem,
+    constants_given,
+    keyframe_of,
+    linearised,
+)
+from gtsam_nav.series import BoolArray, IntArray
+
+MOST_BETWEEN = 8
+"""Keyframes between knots that are eliminated together; of longer gaps some stay with the knots."""
+PLANAR_PART = np.array([3, 4, 2])
+"""North, east and yaw in a keyframe's tangent space, once that is turned into n."""
+
+
+class KnotSystem:
+    """A linearised graph, reduced to its knots and what else meets there: the outer variables.
+
+    Parameters
+    ----------
+    graph : gtsam.NonlinearFactorGraph
+        As for `linearised`.
+    values : gtsam.Values
+    keyframes : ndarray of int, shape (m,)
+        The knots, in order.
+    problem : Problem
+    touching : scipy.sparse array, shape (3 m, 3 m)
+        Positive wherever the sonar may tell something of a step (dn, de, dyaw) of two knots.
+
+    Attributes
+    ----------
+    system : LinearSystem
+    turn : scipy.sparse array, shape (N, N)
+        Rotation of the knots' tangents from b to n.
+    chain : Factor
+        Elimination of the inner variables.
+    right : ndarray, shape (N, 1 + p)
+        Right-hand sides g and h as that left them.
+    planar : ndarray of int, shape (3 m,)
+        The knots' planar poses among the outer variables.
+
+    Raises
+    ------
+    EstimationError
+        Where the graph does not determine its variables.
+    """
+
+    def __init__(
+        self, graph: Any, values: Any, keyframes: IntArray, problem: Problem, touching: Any
+    ) -> None:
+        self.system = linearised(graph, values, problem)
+        self.turn = _turned_into_n(self.system, keyframes)
+        H = (self.turn @ self.system.H @ self.turn.T).tocsc()
+        keyframe = _keyframes_of_columns(self.system, len(problem.t))
+        inner = _between(H, keyframe, keyframes, len(problem.t))
+        self.chain = _eliminated(H, *_components(H, inner))
+        self._H = self.chain.remainder(H)
+        self.right = self.chain.forward(self.turn @ np.column_stack([self.system.g, self.system.h]))
+        starts = np.array([self.system.columns[X(k)].start for k in keyframes.tolist()])
+        planar = (starts[:, None] + PLANAR_PART).ravel()
+        self.planar = self.chain.place[planar] - np.count_nonzero(inner)
+        is_planar = np.zeros(self._H.shape[0], dtype=bool)
+        is_planar[self.planar] = True
+        node, node_keyframe = _nodes(keyframe[self.chain.left_over], is_planar)
+        ne = np.array([values.atNavState(X(k)).position()[:2] for k in range(len(problem.t))])
+        place = np.where(node_keyframe[:, None] >= 0, ne[node_keyframe], np.nan)
+        self._fronts = _fronts(abs(self._H) + self._among_outer(touching), node, place)
+
+    def with_sonar(self, A: Any, gradient: Array) -> JointPosterior:
+        """The Gaussian that the sensors and the sonar make together.
+
+        Parameters
+        ----------
+        A : scipy.sparse array, shape (3 m, 3 m)
+            The sonar's information on a step (dn, de, dyaw) of the knots, where these touch.
+        gradient : ndarray, shape (3 m,)
+            The sonar alone would solve ``A step = gradient``.
+        """
+        whole = self._H + self._among_outer(A)
+        right = self.right[-whole.shape[0] :].copy()
+        right[self.planar, 0] += gradient
+        factor = _eliminated(whole, *self._fronts)
+        return JointPosterior(self, factor, factor.solve(right))
+
+    def _among_outer(self, A: Any) -> Any:
+        """A matrix over the planar poses as one over all outer variables."""
+        from scipy.sparse import coo_array
+
+        A = A.tocoo()
+        places = (self.planar[A.row], self.planar[A.col])
+        return coo_array((A.data, places), shape=self._H.shape).tocsc()
+
+
+class JointPosterior:
+    """What sensors and sonar know together.
+
+    Parameters
+    ----------
+    knots : KnotSystem
+    factor : Factor
+        Of the outer variables.
+    solution : ndarray, shape (n, 1 + p)
+        Of these, for g and for h.
+
+    Attributes
+    ----------
+    constants : Constants
+    """
+
+    def __init__(self, knots: KnotSystem, factor: Factor, solution: Array) -> None:
+        self._knots, self._factor, self._outer = knots, factor, solution
+        inner, outer = np.split(knots.right, [len(knots.right) - len(solution)])
+        h = np.concatenate([inner[:, 1:], outer[:, 1:]])
+        x = np.concatenate([inner, solution])
+        self.constants: Constants = constants_given(knots.system, h, x[:, 0], x[:, 1:])
+
+    @property
+    def planar(self) -> Array:
+        """Step (dn, de, dyaw) of the knots, shape (m, 3)."""
+        x, U = self._outer[:, 0], self._outer[:, 1:]
+        return np.asarray((x - U @ self.constants.mean)[self._knots.planar].reshape(-1, 3))
+
+    def moved(self) -> Any:
+        """Values at the optimum."""
+        step = self._all[:, 0] - self._all[:, 1:] @ self.constants.mean
+        return self._knots.system.retracted(step)
+
+    @cached_property
+    def _all(self) -> Array:
+        """Solution of all variables in the graph's own frames, shape (N, 1 + p)."""
+        y = self._knots.right.copy()
+        y[-len(self._outer) :] = self._outer
+        return np.asarray(self._knots.turn.T @ self._knots.chain.backward(y))
+
+    def covariances(self, keys: Sequence[int]) -> list[Array]:
+        """Marginal covariances of variables' free parts, constant errors included."""
+        chain, columns = self._knots.chain, self._knots.system.columns
+        n_inner = len(chain.place) - len(self._outer)
+        own = [np.arange(columns[key].start, columns[key].stop) for key in keys]
+        is_outer = [bool(np.all(chain.place[c] >= n_inner)) for c in own]
+        borders = chain.borders()
+        wanted = [chain.place[c] - n_inner for c, outer in zip(own, is_outer, strict=True) if outer]
+        found = self._factor.covariances(borders + wanted)
+        of_outer = iter(found[len(borders) :])
+        of_inner = iter(
+            chain.covariances(
+                [c for c, outer in zip(own, is_outer, strict=True) if not outer],
+                found[: len(borders)],
+            )
+        )
+        spread = self._all[:, 1:] @ np.linalg.cholesky(self.constants.cov)
+        covariances = []
+        for c, outer in zip(own, is_outer, strict=True):
+            turn = self._knots.turn[c][:, c].toarray()
+            cov = turn.T @ next(of_outer if outer else of_inner) @ turn
+            cov += spread[c] @ spread[c].T
+            covariances.append(0.5 * (cov + cov.T))
+        return covariances
+
+
+def _turned_into_n(system: LinearSystem, keyframes: IntArray) -> Any:
+    """Orthogonal matrix that turns the knots' tangents (theta, rho, nu) from b to n."""
+    from scipy.sparse import coo_array
+
+    n = len(system.g)
+    starts = np.array([system.columns[X(k)].start for k in keyframes.tolist()])
+    R_nb = np.array(
+        [system.values.atNavState(X(k)).attitude().matrix() for k in keyframes.tolist()]
+    )
+    first = (starts[:, None] + np.array([0, 3, 6])).ravel()
+    rows = np.repeat(first[:, None] + np.arange(3), 3, axis=1).ravel()
+    across = np.tile(first[:, None] + np.arange(3), (1, 3)).ravel()
+    rest = np.setdiff1d(np.arange(n), rows)
+    entries = np.concatenate([np.repeat(R_nb, 3, axis=0).ravel(), np.ones(len(rest))])
+    places = (np.concatenate([rows, rest]), np.concatenate([across, rest]))
+    return coo_array((entries, places), shape=(n, n)).tocsr()
+
+
+def _keyframes_of_columns(system: LinearSystem, n_keyframes: int) -> IntArray:
+    """Keyframe that each column belongs to, -1 for what belongs to none; shape (N,)."""
+    keyframe = np.full(len(system.g), -1)
+    for key, own in system.columns.items():
+        k = keyframe_of(key)
+        if k < n_keyframes:
+            keyframe[own] = k
+    return keyframe
+
+
+def _between(H: Any, keyframe: IntArray, knots: IntArray, n_keyframes: int) -> BoolArray:
+    """Columns that lie between knots and touch nothing beyond these; shape (N,)."""
+    every = np.arange(n_keyframes)
+    before = np.concatenate([[-1], knots])[np.searchsorted(knots, every, side="right")]
+    outer = (every - before) % (MOST_BETWEEN + 1) == 0
+    stretch = np.where(outer[keyframe] | (keyframe < 0), -1, np.cumsum(outer)[keyframe])
+    entries = H.tocoo()
+    a, b = stretch[entries.row], stretch[entries.col]
+    beyond = (a >= 0) & (b >= 0) & (a != b)
+    inner = stretch >= 0
+    inner[entries.row[beyond]] = False
+    return np.asarray(inner)
+
+
+def _components(H: Any, inner: BoolArray) -> tuple[list[IntArray], list[int]]:
+    """Inner columns that hang together, none having a parent."""
+    from scipy.sparse.csgraph import connected_components
+
+    own = np.flatnonzero(inner)
+    count, label = connected_components(H[own][:, own], directed=False)
+    order = np.argsort(label, kind="stable")
+    sizes = np.bincount(label, minlength=count)
+    return np.split(own[order], np.cumsum(sizes)[:-1]) if count else [], [-1] * count
+
+
+def _nodes(keyframe: IntArray, is_planar: BoolArray) -> tuple[IntArray, IntArray]:
+    """Node of each column, and each node's keyframe: planar poses apart from all else."""
+    code = np.where(keyframe < 0, -1, 2 * keyframe + is_planar)
+    codes, node = np.unique(code, return_inverse=True)
+    return node, codes // 2
+
+
+def _fronts(matrix: Any, node: IntArray, place: Array) -> tuple[list[IntArray], list[int]]:
+    """Columns of each front of a matrix, and each one's parent."""
+    from scipy.sparse import coo_array
+
+    n = len(place)
+    entries = matrix.tocoo()
+    pairs = np.unique(node[entries.row] * n + node[entries.col])
+    ones = np.ones(len(pairs), dtype=np.int32)
+    adjacent = coo_array((ones, (pairs // n, pairs % n)), shape=(n, n)).tocsr()
+    width = np.bincount(node, minlength=n)
+    fronts = nested_dissection(adjacent, place, width)
+    by_node = np.split(np.argsort(node, kind="stable"), np.cumsum(width)[:-1])
+    columns = [np.concatenate([by_node[k] for k in nodes.tolist()]) for nodes in fronts.nodes]
+    return columns, fronts.parent
+
+
+def _eliminated(matrix: Any, columns: list[IntArray], parent: list[int]) -> Factor:
+    try:
+        return Factor(matrix, columns, parent)
+    except np.linalg.LinAlgError as error:
+        raise EstimationError("the sensors do not determine the trajectory") from error

@@ -1,0 +1,131 @@
+"""A mission made ready for its graph: ids, compass and clocks put right, its first guess.
+
+Where the vehicle stands as the estimate begins, how it moves by its own sensors, and when the
+graph's states are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gtsam_nav.config import Config
+from gtsam_nav.frames import Array
+from gtsam_nav.graph.clocks import Clocks, find_clocks
+from gtsam_nav.graph.keyframes import keyframe_times, merged_anchors
+from gtsam_nav.graph.measurements.constraints import rolls
+from gtsam_nav.graph.measurements.imu import preintegrable, silences
+from gtsam_nav.graph.robust import check_sigmas
+from gtsam_nav.mission import Mission
+from gtsam_nav.preprocess.alignment import Alignment, align
+from gtsam_nav.preprocess.compass_steps import without_compass_steps
+from gtsam_nav.preprocess.identified import identified
+from gtsam_nav.preprocess.inertial_motion import inertial_motion
+from gtsam_nav.preprocess.landmark_start import landmark_start
+from gtsam_nav.preprocess.motion import (
+    VehicleMotion,
+    measures_velocity,
+    offset_from_fixes,
+    turn_onto_fixes,
+    vehicle_motion,
+)
+from gtsam_nav.preprocess.planar_motion import planar_motion
+from gtsam_nav.series import ImuSeries
+from gtsam_nav.solution import Progress, StageClock
+
+MAP_START_SIGMAS = 10.0
+ROLLING_INTERVAL_S = 0.25
+"""Longest time between keyframes of a vehicle on wheels: each is held to its course."""
+
+
+@dataclass(frozen=True)
+class Ready:
+    """A mission whose ids, compass and clocks are put right, and its first guess."""
+
+    mission: Mission
+    config: Config
+    start: Alignment
+    motion: VehicleMotion
+    clocks: Clocks
+    warnings: tuple[str, ...]
+
+
+def made_ready(mission: Mission, config: Config, clock: StageClock, progress: Progress) -> Ready:
+    """Tell landmarks apart, take compass steps and timing errors off, guess the motion."""
+    check_sigmas(mission, config.graph.robust)
+    if config.landmarks.association != "ids":
+        with clock.stage("association"):
+            mission, config = _identified(mission, config)
+    with clock.stage("motion"):
+        mission, warnings = without_compass_steps(mission)
+        start, motion = start_and_motion(mission, config)
+    with clock.stage("clocks"):
+        t = mission_keyframes(mission, np.empty(0), np.empty(0), config)
+        clocks = find_clocks(mission, start, motion, t, config, progress)
+        mission = clocks.corrected(mission)
+        if clocks.errors:
+            start, motion = start_and_motion(mission, config)
+    return Ready(mission, config, start, motion, clocks, warnings)
+
+
+def _identified(mission: Mission, config: Config) -> tuple[Mission, Config]:
+    """The mission with ids by association, and the settings that trust them."""
+    mission = identified(mission, config.motion, config.landmarks)
+    landmarks = config.landmarks.model_copy(update={"association": "ids"})
+    return mission, config.model_copy(update={"landmarks": landmarks})
+
+
+def start_and_motion(mission: Mission, config: Config) -> tuple[Alignment, VehicleMotion]:
+    """Alignment and motion, drawn onto the fixes or the surveyed landmarks.
+
+    Without a compass the fixes turn the motion too.
+    """
+    start = align(mission)
+    if not measures_velocity(mission):
+        return start, inertial_motion(mission, start, config.motion)
+    if not start.georeferenced and config.landmarks.use_map:
+        start = _start_on_map(mission, config) or start
+    motion = vehicle_motion(mission, start, config.motion)
+    if start.georeferenced and not start.heading_known:
+        turn = turn_onto_fixes(mission, motion)
+        if turn is None:
+            return replace(start, georeferenced=False), motion
+        start = replace(start, rpy=start.rpy + np.array([0.0, 0.0, turn]), heading_known=True)
+        motion = vehicle_motion(mission, start, config.motion)
+    if mission.initial.p_n is None:
+        offset = offset_from_fixes(mission, motion)
+        start = replace(start, p_n=start.p_n + offset)
+        motion = replace(motion, p_n=motion.p_n + offset)
+    return start, motion
+
+
+def _start_on_map(mission: Mission, config: Config) -> Alignment | None:
+    """The start that the first sightings of surveyed landmarks tell, vague: they are used again."""
+    if mission.landmark_map is None or mission.first("landmarks") is None:
+        return None
+    motion = planar_motion(mission, config.motion)
+    start = None if motion is None else landmark_start(mission, motion, config.landmarks)
+    if start is None:
+        return None
+    return replace(
+        start,
+        sigma_p=MAP_START_SIGMAS * start.sigma_p,
+        sigma_rpy=MAP_START_SIGMAS * start.sigma_rpy,
+    )
+
+
+def mission_keyframes(mission: Mission, t_scans: Array, t_clouds: Array, config: Config) -> Array:
+    """Keyframes at scans, clouds and sightings; where the IMU carries all, at fixes and silences
+    too."""
+    anchors = [t_scans, t_clouds, *(sensor.series.t for sensor in mission.of_type("landmarks"))]
+    interval_s = config.graph.keyframe_interval_s
+    imu = preintegrable(mission, config.graph.imu_min_rate_hz)
+    if imu is not None and not measures_velocity(mission):
+        assert isinstance(imu.series, ImuSeries)
+        anchors += [silences(imu.series, *mission.span_s).ravel()]
+        anchors += [sensor.series.t for sensor in mission.of_type("gnss")]
+        if rolls(mission, config):
+            interval_s = min(interval_s, ROLLING_INTERVAL_S)
+    merged = merged_anchors(anchors, config.graph.anchor_spacing_s)
+    return keyframe_times(*mission.span_s, merged, interval_s)

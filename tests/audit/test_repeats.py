@@ -1,0 +1,92 @@
+"""Messages that came twice under two stamps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gtsam_nav.audit.findings import Finding
+from gtsam_nav.audit.repeats import repeat_findings
+from gtsam_nav.frames import Array
+from gtsam_nav.mission import Sensor
+from gtsam_nav.preprocess.repeats import REPEATED, repeats_of, without_repeats
+from gtsam_nav.series import DepthSeries, DvlSeries, HeadingSeries
+
+N = 2000
+RNG = np.random.default_rng(2)
+TURNING = np.sin(np.arange(N) / 50.0)
+
+
+@pytest.fixture(autouse=True)
+def same_noise(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever tests ran before."""
+    monkeypatch.setitem(globals(), "RNG", np.random.default_rng(2))
+
+
+def compass(heading: Array) -> Sensor:
+    series = HeadingSeries(t=np.arange(N) * 0.1, heading=heading, sigma=np.full(N, 0.01))
+    return Sensor("heading", "heading", series)
+
+
+def sent_again(values: Array, every: int) -> Array:
+    k = np.arange(len(values))
+    return values[k - (k % every == every - 1)]
+
+
+def found(sensor: Sensor) -> list[Finding]:
+    return list(repeat_findings(sensor))
+
+
+def test_noise_does_not_repeat() -> None:
+    assert found(compass(TURNING + RNG.normal(0, 0.01, N))) == []
+
+
+def test_a_message_that_is_sent_again_is_found() -> None:
+    (finding,) = found(compass(sent_again(TURNING + RNG.normal(0, 0.01, N), 10)))
+    assert (finding.check, finding.severity) == ("stale messages", "warning")
+    assert "200 of 2000 samples" in finding.message
+    assert finding.fix == "drop_repeats: true"
+
+
+def test_a_driver_twice_as_fast_as_its_sensor_is_found() -> None:
+    assert len(found(compass(sent_again(TURNING + RNG.normal(0, 0.01, N), 2)))) == 1
+
+
+def test_repeats_that_the_resolution_explains_are_not_told() -> None:
+    for step in (1e-4, 1e-3, 0.05, 1.0):
+        noisy = TURNING + RNG.normal(0, 0.01, N)
+        assert found(compass(np.round(noisy / step) * step)) == [], step
+
+
+def test_an_output_that_is_held_at_rest_is_one_place() -> None:
+    held = TURNING + RNG.normal(0, 0.01, N)
+    held[300:900] = held[300]
+    assert found(compass(held)) == []
+
+
+def test_coarse_gauges_are_not_judged() -> None:
+    depth = DepthSeries(t=np.arange(N) * 1.0, depth_m=np.zeros(N), sigma=np.full(N, 0.1))
+    assert repeats_of(depth) is None
+    assert found(Sensor("depth", "depth", depth)) == []
+
+
+def test_a_dvl_without_lock_repeats_nothing() -> None:
+    valid = np.arange(N) % 4 != 0
+    v_d = np.where(valid[:, None], RNG.normal(size=(N, 3)), 0.0)
+    series = DvlSeries(
+        t=np.arange(N) * 0.2, v_d=v_d, sigma=np.full(N, 0.02), valid=valid, bottom_lock=valid
+    )
+    assert found(Sensor("dvl", "dvl", series)) == []
+    none = replace(series, valid=np.zeros(N, dtype=bool))
+    assert found(Sensor("dvl", "dvl", none)) == []
+
+
+def test_repeats_are_dropped_with_their_reason() -> None:
+    sensor = compass(sent_again(TURNING + RNG.normal(0, 0.01, N), 10))
+    series, rejections = without_repeats("heading", sensor.series)
+    assert len(series) == N - 200
+    assert {r.reason for r in rejections} == {REPEATED}
+    assert [r.index for r in rejections[:2]] == [9, 19]
+    assert found(replace(sensor, series=series)) == []

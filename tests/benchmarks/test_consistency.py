@@ -1,0 +1,43 @@
+"""The small twin of ``benchmarks.consistency``: a minute or two, a handful of runs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks.consistency import FIXES, NO_FIXES, NO_SONAR, Case, outcome, run
+
+
+def mean_per_dof(case: Case, runs: int, duration_s: float) -> dict[str, float]:
+    found = [run(case, duration_s, seed).errors for seed in range(runs)]
+    return {
+        name: float(np.mean([each.values[name] for each in found])) / dof
+        for name, dof in found[0].dof.items()
+    }
+
+
+def test_dead_reckoning_is_as_good_as_it_says() -> None:
+    means = mean_per_dof(Case("dr", overrides=NO_FIXES), 6, 40.0)
+    assert set(means) == {"position", "heading", "velocity_n", "velocity_e"}
+    for name, mean in means.items():
+        assert 0.3 < mean < 1.8, name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["graph", "ins-ekf"])
+def test_between_keyframes_too_the_estimate_is_as_good_as_it_says(method: str) -> None:
+    means = mean_per_dof(Case(method, overrides=(*FIXES, NO_SONAR)), 6, 60.0)
+    for name, mean in means.items():
+        assert 0.5 < mean < 1.8, name
+
+
+@pytest.mark.slow
+def test_an_outcome_has_a_row_a_quantity_and_a_sensor() -> None:
+    case = Case("ins-ekf", "laps")
+    rows = outcome(case, range(2), workers=1, duration_s=30.0).rows()
+    quantities = [row["quantity"] for row in rows]
+    assert "NEES velocity_n" in quantities
+    assert "NIS gnss" in quantities
+    for row in rows:
+        assert row["holds"] == (row["fraction_inside"] >= 0.9)
+        assert ("autocorrelation" in row) == row["quantity"].startswith("NIS")

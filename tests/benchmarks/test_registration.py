@@ -1,0 +1,22 @@
+"""The small twin of ``benchmarks.registration``."""
+
+from __future__ import annotations
+
+import pytest
+
+from benchmarks.registration import PLACES, measure
+from gtsam_nav.config import Config
+from gtsam_nav.registration.pic import UNOBSERVED_M
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("place", PLACES)
+def test_matches_are_no_better_than_they_say(place: str) -> None:
+    found = measure(place, 20, Config())
+    assert found.failed == 0
+    assert found.within_95 > 0.85
+    assert found.nees_per_dof < 1.5
+    if place == "corridor":
+        assert found.sigma_along_m == pytest.approx(UNOBSERVED_M, rel=0.01)
+    else:
+        assert found.sigma_along_m < 0.3

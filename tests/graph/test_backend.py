@@ -1,0 +1,43 @@
+"""What the incremental estimate tells of several keyframes together."""
+
+from __future__ import annotations
+
+import gtsam
+import numpy as np
+
+from gtsam_nav.config import Config
+from gtsam_nav.graph.backend import Backend, graph_of, planar_rows
+from gtsam_nav.graph.factors import X
+from gtsam_nav.graph.keyframes import keyframe_times
+from gtsam_nav.graph.measurements import build_problem
+from gtsam_nav.preprocess.alignment import align
+from gtsam_nav.preprocess.motion import vehicle_motion
+from gtsam_nav.simulation import simulate
+
+
+def test_joint_covariances_are_those_of_the_batch() -> None:
+    mission = simulate("marina", seed=3, duration_s=20.0).without("imu").without("gnss")
+    start = align(mission)
+    motion = vehicle_motion(mission, start, Config().motion)
+    t = keyframe_times(*mission.span_s, np.empty(0), 5.0)
+    problem = build_problem(mission, start, motion, t, Config())
+    problem.readings = [[] for _ in t]
+    backend = Backend(problem)
+    for k in range(len(t)):
+        backend.add_keyframe(k)
+    backend.update()
+    graph = graph_of(problem.entries)
+    for hint in problem.hints:
+        graph.add(hint)
+    values = backend.values()
+    marginals = gtsam.Marginals(graph, values)
+    keys = [X(k) for k in (0, 2, 4)]
+    joint = marginals.jointMarginalCovariance(keys)
+    S = {key: planar_rows(values.atNavState(key).attitude().matrix()) for key in keys}
+    for earlier, got in zip(keys[:2], backend.joint_planar_covariances([0, 2], 4), strict=True):
+        ends = (earlier, keys[2])
+        wanted = np.block([[S[a] @ joint.at(a, b) @ S[b].T for b in ends] for a in ends])
+        sigma = np.sqrt(np.diag(wanted))
+        np.testing.assert_allclose(
+            got / np.outer(sigma, sigma), wanted / np.outer(sigma, sigma), 0, 1e-3
+        )
