@@ -110,11 +110,12 @@ class TrajectoryMetrics:
         return metrics
 
     def __str__(self) -> str:
-        if self.coverage is None:
-            return "no score: nothing to score on (no reference, no withheld fix)"
-        return "\n".join(self._lines())
+        lines = self._lines()
+        return "\n".join(lines) or "no score: nothing to score on (no reference, no withheld fix)"
 
     def _lines(self) -> list[str]:
+        if self.coverage is None:
+            return []
         lines = []
         for name in ALIGNMENTS:
             e: ErrorStatistics | None = getattr(self.ate, name)
@@ -165,6 +166,19 @@ class Metrics(TrajectoryMetrics):
     gnss_used: int
     gnss_withheld: int
     clock_offsets: tuple[ClockOffset, ...] = ()
+
+    def _lines(self) -> list[str]:
+        scored = self.relations
+        parts = {} if scored is None else {"near": scored.near, "loops": scored.loops}
+        return [
+            *super()._lines(),
+            *(
+                f"relations  {name}: median {e.median_m:.3f} m {e.median_deg:.2f} deg,"
+                f" p95 {e.p95_m:.3f} m {e.p95_deg:.2f} deg ({e.n})"
+                for name, e in parts.items()
+                if e is not None
+            ),
+        ]
 
 
 def evaluate(
