@@ -23,8 +23,11 @@ from gtsam_nav.cli_options import (
     ForceOption,
     FrameOption,
     JsonOption,
+    MethodOption,
     QuietOption,
     SetOption,
+    complete_frame,
+    complete_scenario,
 )
 from gtsam_nav.cli_rerun import rerun
 from gtsam_nav.errors import ConfigError, DataError, EstimationError, GtsamNavError
@@ -146,9 +149,7 @@ def inspect(
 @app.command()
 def run(
     mission: MissionArgument,
-    method: Annotated[
-        list[str], typer.Option("--method", "-m", metavar="NAME", help="Method; repeatable.")
-    ] = ["graph"],  # noqa: B006
+    method: MethodOption = ["graph"],  # noqa: B006
     out: OutOption = None,
     config: ConfigOption = None,
     overrides: SetOption = [],  # noqa: B006
@@ -303,6 +304,14 @@ def evaluate(
         str | None, typer.Option(metavar="FROM,TO", help="Score this span of time only, s.")
     ] = None,
     frame: FrameOption = "ned",
+    reference_frame: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FRAME",
+            help="Axes of the reference; those of --frame where not given.",
+            autocompletion=complete_frame,
+        ),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Score a trajectory against a reference."""
@@ -319,7 +328,7 @@ def evaluate(
     beside, record = trajectory.with_name("config.yaml"), trajectory.with_name("run.json")
     config = load_config(beside if beside.is_file() else None)
     estimated = read_trajectory(trajectory, frame_named(frame))
-    truth = open_reference(reference, config.gnss, frame=frame_named(frame))
+    truth = open_reference(reference, config.gnss, frame=frame_named(reference_frame or frame))
     scored = config.evaluation.window_s if window_s is None else (window_s[0], window_s[1])
     scores = evaluate_trajectory(
         estimated,
@@ -349,7 +358,12 @@ def numbers(option: str, text: str, count: int) -> list[float]:
 @app.command()
 def simulate(
     name: Annotated[
-        str, typer.Argument(metavar="NAME", help="marina, laps, ranger, submarine or harbour.")
+        str,
+        typer.Argument(
+            metavar="NAME",
+            help="marina, laps, ranger, submarine or harbour.",
+            autocompletion=complete_scenario,
+        ),
     ],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Mission folder to write.")],
     seed: Annotated[int, typer.Option(metavar="N", help="Same seed, same mission.")] = 0,

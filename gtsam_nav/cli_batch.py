@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from gtsam_nav.cli_options import ConfigOption, JsonOption, QuietOption, SetOption
+from gtsam_nav.cli_options import ConfigOption, JsonOption, MethodOption, QuietOption, SetOption
 from gtsam_nav.terminal import count_bar, say, show, show_json
 
 
@@ -17,9 +17,7 @@ def batch(
         list[str], typer.Argument(metavar="GLOB...", help="Missions, or patterns that match them.")
     ],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Table, summary and run folders.")],
-    method: Annotated[
-        list[str], typer.Option("--method", "-m", metavar="NAME", help="Method; repeatable.")
-    ] = ["graph"],  # noqa: B006
+    method: MethodOption = ["graph"],  # noqa: B006
     config: ConfigOption = None,
     overrides: SetOption = [],  # noqa: B006
     sweep: Annotated[

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
-from gtsam_nav.cli_options import FrameOption
+from gtsam_nav.cli_options import FrameOption, complete_formats
 from gtsam_nav.errors import DataError
 from gtsam_nav.terminal import say, show
 
@@ -18,7 +18,12 @@ if TYPE_CHECKING:
 def export(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="DIR/METHOD, or DIR for all in it.")],
     to: Annotated[
-        str, typer.Option(metavar="FORMATS", help="Of tum,kitti,g2o,nav,geojson,kml,ply.")
+        str,
+        typer.Option(
+            metavar="FORMATS",
+            help="Of tum,kitti,g2o,nav,geojson,kml,ply.",
+            autocompletion=complete_formats,
+        ),
     ],
     frame: FrameOption = "ned",
 ) -> None:

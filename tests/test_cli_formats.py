@@ -133,6 +133,10 @@ def test_evaluate_in_east_north_up(tmp_path: Path, capsys: pytest.CaptureFixture
     files = tmp_path / "estimate.tum", tmp_path / "truth.tum"
     assert run_main("evaluate", *files, "--frame", "enu", "--json") == 0
     assert json.loads(capsys.readouterr().out)["ate"]["none"]["max"] < 1e-9
+    write_tum(trajectory, tmp_path / "truth.tum", "ned")
+    frames = ("--frame", "enu", "--reference-frame", "ned")
+    assert run_main("evaluate", *files, *frames, "--json") == 0
+    assert json.loads(capsys.readouterr().out)["ate"]["none"]["max"] < 1e-9
     assert run_main("evaluate", *files, "--frame", "nwu") == 2
     assert "unknown frame 'nwu'; the choices are: ned, enu" in capsys.readouterr().err
 
