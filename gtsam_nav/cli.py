@@ -12,12 +12,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from gtsam_nav.cli_batch import batch
-from gtsam_nav.cli_options import ConfigOption, FrameOption, JsonOption, QuietOption, SetOption
+from gtsam_nav.cli_export import export
+from gtsam_nav.cli_options import (
+    ConfigOption,
+    ForceOption,
+    FrameOption,
+    JsonOption,
+    QuietOption,
+    SetOption,
+)
 from gtsam_nav.cli_rerun import rerun
 from gtsam_nav.errors import ConfigError, DataError, EstimationError, GtsamNavError
 from gtsam_nav.terminal import progress_bars, say, show, show_json
@@ -27,7 +35,6 @@ if TYPE_CHECKING:
     from gtsam_nav.mission import Mission
     from gtsam_nav.simulation import Fault
     from gtsam_nav.solution import Progress, Solution
-    from gtsam_nav.writers.frame import Frame
 
 logger = logging.getLogger(__name__)
 
@@ -39,7 +46,7 @@ app = typer.Typer(
 )
 config_app = typer.Typer(no_args_is_help=True, help="The configuration.")
 app.add_typer(config_app, name="config")
-for command in (batch, rerun):
+for command in (batch, export, rerun):
     app.command()(command)
 
 MissionArgument = Annotated[Path, typer.Argument(metavar="MISSION", help="Mission folder or logs.")]
@@ -104,11 +111,11 @@ def inspect(
 ) -> None:
     """Check rates, gaps, clocks, units and signs of a mission; list a bag and print its card."""
     from gtsam_nav.audit import audit
-    from gtsam_nav.cards import with_mission
+    from gtsam_nav.config import checked_card
     from gtsam_nav.readers import describe, open_mission
     from gtsam_nav.tables import finding_table, sensor_table, stream_table
 
-    card = with_mission(config)
+    card = checked_card(config)
     contents = describe(mission, card)
     if contents is not None and not as_json:
         show(stream_table(contents), "")
@@ -123,8 +130,10 @@ def inspect(
     show(
         sensor_table(found),
         "",
-        finding_table(found.findings),
-        "",
+    )
+    if found.findings:
+        show(finding_table(found.findings), "")
+    show(
         f"span {found.span_s[0]:.1f} to {found.span_s[1]:.1f} s{rest}",
         f"methods that can run: {', '.join(found.methods) or 'none'}",
     )
@@ -347,12 +356,14 @@ def simulate(
     duration: Annotated[
         float | None, typer.Option(metavar="S", help="Length; the scenario's own where not given.")
     ] = None,
+    force: ForceOption = False,
 ) -> None:
     """Write a simulated mission as a mission folder."""
     from gtsam_nav.simulation import simulate as simulated
-    from gtsam_nav.writers.mission_folder import write_mission
+    from gtsam_nav.writers.mission_folder import check_free, write_mission
     from gtsam_nav.writers.run_folder import settle_output
 
+    check_free(out, force)
     settle_output(out.parent)
     mission = simulated(name, seed, duration)
     write_mission(mission, out)
@@ -365,48 +376,27 @@ def convert(
     mission: MissionArgument,
     out: Annotated[Path, typer.Option(metavar="FOLDER", help="Mission folder to write.")],
     config: ConfigOption = None,
+    force: ForceOption = False,
     quiet: QuietOption = False,
 ) -> None:
     """Write a mission of any format as a mission folder."""
-    from gtsam_nav.cards import with_mission
+    from gtsam_nav.config import checked_card
     from gtsam_nav.readers import open_mission
-    from gtsam_nav.writers.mission_folder import write_mission
+    from gtsam_nav.writers.mission_folder import check_free, write_mission
     from gtsam_nav.writers.run_folder import settle_output
 
+    card = checked_card(config)
+    check_free(out, force)
     settle_output(out.parent)
     with progress_bars(quiet) as progress:
-        opened = open_mission(mission, progress, with_mission(config))
+        opened = open_mission(mission, progress, card)
     write_mission(opened, out)
     start, stop = opened.span_s
     show(f"mission '{opened.name}', {stop - start:.1f} s: {out}")
+    for (sensor, reason), n in opened.dropped.items():
+        show(f"dropped: {sensor}: {n} x {reason}")
     for warning in opened.warnings:
         say(f"warning: {warning}")
-
-
-@app.command()
-def export(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="DIR/METHOD, or DIR for all in it.")],
-    to: Annotated[
-        str, typer.Option(metavar="FORMATS", help="Of tum,kitti,g2o,nav,geojson,kml,ply.")
-    ],
-    frame: FrameOption = "ned",
-) -> None:
-    """Write finished runs in other formats."""
-    from gtsam_nav.writers.exports import export_run
-    from gtsam_nav.writers.run_folder import find_runs
-
-    folders, formats = find_runs(run), to.split(",")
-    for folder in folders:
-        for name in formats:
-            try:
-                paths = export_run(folder, [name], cast("Frame", frame))
-            except DataError as error:
-                # among several runs one may lack what another has
-                if len(folders) == 1:
-                    raise
-                say(f"warning: {error}")
-                continue
-            show(*map(str, paths))
 
 
 @config_app.command("dump")

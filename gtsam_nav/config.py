@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
-from gtsam_nav.cards import MISSION_SECTION
+from gtsam_nav.cards import MISSION_SECTION, with_mission
 from gtsam_nav.ekf.settings import (
     DeadReckoningSettings,
     InsSettings,
@@ -53,12 +53,12 @@ class Config(Settings):
         return yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False)
 
 
-def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> Config:
+def load_config(path: Path | str | None = None, overrides: Sequence[str] = ()) -> Config:
     """Read a configuration file and apply ``key=value`` overrides.
 
     Parameters
     ----------
-    path : Path, optional
+    path : Path or str, optional
         YAML; what it does not name keeps its default.
     overrides : sequence of str
         ``gnss.use=window`` and the like; values are read as YAML.
@@ -69,6 +69,7 @@ def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> Conf
         Where the file is not YAML, or a key is unknown, or a value is out of range.
     """
     tree: dict[str, Any] = {}
+    path = None if path is None else Path(path)
     if path is not None:
         try:
             loaded = read_yaml_file(path)
@@ -80,6 +81,18 @@ def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> Conf
         # a mission's card may stand beside the settings; the readers' business
         tree = {key: value for key, value in (loaded or {}).items() if key != MISSION_SECTION}
     return _validated(tree, overrides, path)
+
+
+def checked_card(path: Path | None) -> Path | None:
+    """The file of settings again where it holds a mission's card.
+
+    Raises
+    ------
+    ConfigError
+        Where its settings are not in order, even if nobody uses them.
+    """
+    load_config(path)
+    return with_mission(path)
 
 
 def override_config(config: Config, overrides: Sequence[str]) -> Config:
@@ -130,5 +143,7 @@ def _explain(error: ValidationError, path: Path | None) -> str:
     section: Any = Config()
     for part in location[:-1]:
         section = getattr(section, part)
-    choices = ", ".join(type(section).model_fields)
-    return f"{where}unknown config key '{key}'; the choices are: {choices}"
+    choices = list(type(section).model_fields)
+    if path is not None and len(location) == 1:
+        choices.append(f"{MISSION_SECTION} (a mission's card: its sensors stand there)")
+    return f"{where}unknown config key '{key}'; the choices are: {', '.join(choices)}"

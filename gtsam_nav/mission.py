@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -200,6 +201,11 @@ class Mission:
     sources: tuple[Path, ...] = ()
     opening: Opening | None = None
 
+    def __repr__(self) -> str:
+        start, stop = self.span_s
+        held = ", ".join(f"{name}: {len(s.series)}" for name, s in self.sensors.items())
+        return f"Mission('{self.name}', {start:.1f} to {stop:.1f} s, samples: {held or 'none'})"
+
     def of_type(self, sensor_type: str) -> list[Sensor]:
         """All sensors of a type that hold samples, in the mission's order."""
         return [s for s in self.sensors.values() if s.type == sensor_type and len(s.series)]
@@ -222,6 +228,11 @@ class Mission:
         if not series:
             return 0.0, 0.0
         return min(float(s.t[0]) for s in series), max(float(s.t[-1]) for s in series)
+
+    @property
+    def dropped(self) -> dict[tuple[str, str], int]:
+        """How many samples the reader dropped, by sensor and reason."""
+        return dict(sorted(Counter((r.sensor, r.reason) for r in self.rejections).items()))
 
     @property
     def sonar_kind(self) -> SonarKind | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
@@ -38,6 +38,11 @@ class StageClock:
             yield
         finally:
             self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begin
+
+
+def listed(solutions: Solution | Sequence[Solution]) -> Sequence[Solution]:
+    """Solutions as a sequence, a single one too."""
+    return [solutions] if isinstance(solutions, Solution) else solutions
 
 
 @dataclass(frozen=True)
@@ -276,6 +281,14 @@ class Solution:
     gnss_withheld: int = 0
     n_keyframes: int = 0
     stage_s: Mapping[str, float] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        start, stop = self.trajectory.t[[0, -1]].tolist()
+        return (
+            f"Solution('{self.method}' of '{self.mission.name}', {start:.1f} to {stop:.1f} s,"
+            f" {len(self.trajectory)} poses, {len(self.loops)} loop candidates,"
+            f" {len(self.rejections)} rejections, {len(self.warnings)} warnings)"
+        )
 
     @property
     def sonar_kind(self) -> SonarKind | None:

@@ -140,3 +140,8 @@ def test_settings_are_frozen(section: str) -> None:
     name = next(iter(type(settings).model_fields))
     with pytest.raises(ValidationError, match="frozen"):
         setattr(settings, name, getattr(settings, name))
+
+
+def test_a_path_may_be_text(tmp_path: Path) -> None:
+    (tmp_path / "c.yaml").write_text("seed: 4")
+    assert load_config(str(tmp_path / "c.yaml")).seed == 4

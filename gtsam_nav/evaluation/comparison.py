@@ -9,7 +9,7 @@ from gtsam_nav.evaluation.metrics import Metrics, evaluate
 from gtsam_nav.evaluation.relations import RelationScores
 from gtsam_nav.evaluation.statistics import AbsoluteErrors
 from gtsam_nav.mission import SonarKind
-from gtsam_nav.solution import Solution
+from gtsam_nav.solution import Solution, listed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,6 +67,6 @@ def comparison_row(name: str, metrics: Metrics, wall_s: float | None = None) -> 
     )
 
 
-def compare(solutions: Sequence[Solution]) -> list[ComparisonRow]:
+def compare(solutions: Solution | Sequence[Solution]) -> list[ComparisonRow]:
     """Solutions side by side, in their order, each scored on what it may be scored on."""
-    return [comparison_row(solution.method, evaluate(solution)) for solution in solutions]
+    return [comparison_row(solution.method, evaluate(solution)) for solution in listed(solutions)]

@@ -22,7 +22,7 @@ from gtsam_nav.evaluation.page import asset, page_document, script
 from gtsam_nav.evaluation.page.columns import Document
 from gtsam_nav.evaluation.page.skeleton import embedded, policy, sonar_viewer, workbench
 from gtsam_nav.evaluation.weakness import LEAST_WEAK_M, WEAK
-from gtsam_nav.solution import Solution
+from gtsam_nav.solution import Solution, listed
 from gtsam_nav.writers.atomic import draft_folder
 from gtsam_nav.writers.run_record import RECORD, RunRecord, read_record
 
@@ -43,8 +43,12 @@ class _Report:
     plots_folder: Path
 
     @property
-    def simulated(self) -> bool:
-        return any(m.sonar == "simulated" for m in self.metrics.values())
+    def simulated(self) -> str:
+        """What of the data is simulated; empty of recorded ones."""
+        if any(m.sonar == "simulated" for m in self.metrics.values()):
+            return "simulated sonar"
+        clouds = self.solutions[0].mission.of_type("clouds")
+        return "simulated lidar" if any(sensor.simulated for sensor in clouds) else ""
 
     def beside(self, name: str, made: Figure | None) -> Path | None:
         """Write a figure beside the page; None where there is none."""
@@ -63,7 +67,7 @@ class _Report:
 
 
 def write_report(
-    solutions: Sequence[Solution], out: Path | str, config: Config | None = None
+    solutions: Solution | Sequence[Solution], out: Path | str, config: Config | None = None
 ) -> Path:
     """Write ``out/report.html`` and ``out/plots/*.png``: all solutions of a mission side by side.
 
@@ -71,7 +75,7 @@ def write_report(
 
     Parameters
     ----------
-    solutions : sequence of Solution
+    solutions : Solution or sequence of Solution
         Of one mission.
     out : Path or str
         Made where it is missing.
@@ -90,6 +94,7 @@ def write_report(
     ValueError
         Without a solution.
     """
+    solutions = listed(solutions)
     if not solutions:
         raise ValueError("a report needs at least one solution")
     folder = Path(out)
@@ -161,8 +166,8 @@ def _section(title: str | Html, *content: str | Html) -> Html:
 
 
 def _scored_title(report: _Report, title: str) -> Html:
-    """A heading over figures; those of simulated sonar say so."""
-    label = element("span", "simulated sonar", class_="label") if report.simulated else Html("")
+    """A heading over figures; those of a simulated sonar or lidar say so."""
+    label = element("span", report.simulated, class_="label") if report.simulated else Html("")
     return join([title, label])
 
 
@@ -184,7 +189,7 @@ def _header(report: _Report) -> Html:
         facts.append(f"scored window {first:g} to {last:g} s")
     chips = [element("li", fact) for fact in facts]
     if report.simulated:
-        chips.append(element("li", "simulated sonar", class_="simulated"))
+        chips.append(element("li", report.simulated, class_="simulated"))
     return join(
         [
             element("h1", mission.name),
@@ -230,7 +235,8 @@ def _summary(report: _Report) -> Html:
         return _section("Scores", element("p", why))
     note = (
         "Horizontal error of the estimate at the reference's times and antenna. "
-        "Start: aligned on the first 30 m, which are not scored. Never scaled."
+        "Start: aligned on the first 30 m, which are not scored. Never scaled. "
+        "rpe 10 m: error over each 10 m of path, in percent of it. NEES: 2 is calibrated."
     )
     if not all(s.georeferenced for s in report.solutions):
         note += " Without an absolute start, errors without alignment are left empty."

@@ -13,12 +13,7 @@ from gtsam_nav.errors import EstimationError, PackageError
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.backend import graph_of
 from gtsam_nav.graph.clock_check import suspected_clocks
-from gtsam_nav.graph.cloud_loops import (
-    CloudLoops,
-    close_cloud_loops,
-    cloud_loop_closures,
-    cloud_loop_edges,
-)
+from gtsam_nav.graph.cloud_loops import CloudLoops, close_cloud_loops, cloud_loop_closures
 from gtsam_nav.graph.dense import dense_trajectory
 from gtsam_nav.graph.doubts import (
     contradictions,
@@ -28,6 +23,7 @@ from gtsam_nav.graph.doubts import (
     missing_loops,
     unmeasured_height,
 )
+from gtsam_nav.graph.exported import pose_graph
 from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.false_loops import loop_faults
 from gtsam_nav.graph.indeterminacy import check_anchored, states_named
@@ -41,7 +37,6 @@ from gtsam_nav.graph.output import (
     landmark_estimates,
     loop_closures,
     match_rejections,
-    pose_graph,
     slow_states,
     smoothed_covariances,
 )
@@ -255,7 +250,7 @@ def _solution(
         slow_states=slow_states(problem, values, covariances, constants),
         clock_offsets=clock_offsets,
         pose_graph=pose_graph(
-            problem, keyframes, solved.matches, solved.scan_keyframe, cloud_loop_edges(loops)
+            problem, values, solved.matches, solved.scan_keyframe, loops, robust.loops
         ),
         sonar_map=points,
         scans=registered_scans(mission, echoes.sonar) if echoes.sonar else None,
@@ -356,7 +351,8 @@ def _cloud_track(
 ) -> tuple[CloudTrack | None, tuple[str, ...]]:
     """Odometry of the clouds, or why they are not used: the other sensors carry the estimate."""
     try:
-        return cloud_odometry(mission, config.kiss, progress), ()
+        track = cloud_odometry(mission, config.kiss, progress)
+        return track, track.warnings if track is not None else ()
     except (EstimationError, PackageError) as error:
         return None, (f"the clouds are not used: {error}",)
 

@@ -15,9 +15,10 @@ import logging
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from gtsam_nav.errors import EstimationError
 from gtsam_nav.frames import Array, skew
@@ -78,6 +79,8 @@ class CloudTrack:
     key : list of KeyCloud
     rejections : tuple of Rejection
         Clouds that were too small.
+    warnings : tuple of str
+        What else there is to say of the clouds.
     """
 
     sensor: str
@@ -86,6 +89,7 @@ class CloudTrack:
     p_o: Array
     key: list[KeyCloud]
     rejections: tuple[Rejection, ...]
+    warnings: tuple[str, ...] = ()
 
     def increment(self, i: int, j: int) -> RelativePose:
         """Pose of kept cloud j in kept cloud i.
@@ -138,7 +142,7 @@ class KissOdometry:
         points_b : ndarray, shape (k, 3)
             In body axes at their own times, m.
         offset_s : ndarray, shape (k,), or None
-            Their times; None is a cloud that needs no deskewing.
+            Their times; None, or all the same, is a cloud that needs no deskewing.
 
         Returns
         -------
@@ -147,9 +151,18 @@ class KissOdometry:
             that of the cloud in its local map.
         ndarray, shape (m, 3)
             The cloud, deskewed and thinned.
+
+        Raises
+        ------
+        ValueError
+            Where a point or a time is not finite.
         """
         kiss, voxel_m = self._kiss, self.settings.voxel_m
         offsets = np.empty(0) if offset_s is None else np.asarray(offset_s, dtype=float)
+        if not (np.all(np.isfinite(points_b)) and np.all(np.isfinite(offsets))):
+            raise ValueError("a point or its time is not finite: KISS-ICP would end the process")
+        if _is_one_time(offsets):  # KISS-ICP divides by their span
+            offsets = np.empty(0)
         coarse, thinned = self._deskewed(points_b, offsets, kiss.last_delta)
         local_map = np.asarray(kiss.local_map.point_cloud())
         if len(local_map) < LEAST_POINTS:  # the first cloud defines the frame
@@ -209,7 +222,9 @@ def cloud_odometry(
     poses: list[RelativePose] = []
     key: list[KeyCloud] = []
     rejections: list[Rejection] = []
+    n_timeless = 0
     for k, taken, cloud in _usable(sensor, rejections):
+        n_timeless += cloud.offset_s is not None and _is_one_time(cloud.offset_s)
         keep = not key or taken - key[-1].t >= settings.keyframe_interval_s
         pose, thinned = odometry.place(_in_body(cloud, sensor), cloud.offset_s)
         t.append(taken)
@@ -226,6 +241,21 @@ def cloud_odometry(
         p_o=np.array([pose.p_a for pose in poses]),
         key=key,
         rejections=tuple(rejections),
+        warnings=_on_times(sensor.name, n_timeless),
+    )
+
+
+def _is_one_time(offset_s: NDArray[np.floating[Any]]) -> bool:
+    return bool(len(offset_s)) and float(np.max(offset_s)) <= float(np.min(offset_s))
+
+
+def _on_times(sensor_name: str, n_timeless: int) -> tuple[str, ...]:
+    """What is said of clouds whose points all claim the same time."""
+    if not n_timeless:
+        return ()
+    return (
+        f"sensor '{sensor_name}': the times of the points tell nothing in {n_timeless} clouds (all"
+        " the same): nothing takes the motion out of these",
     )
 
 

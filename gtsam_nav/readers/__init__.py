@@ -137,15 +137,43 @@ def _located(place: Path) -> tuple[Reader, Path]:
         return reader, place
     if not place.exists():
         raise DataError("no such file or folder", place)
-    entries = sorted(place.iterdir())[:MOST_ENTRIES] if place.is_dir() else []
-    inside = [(known, entry) for entry in entries if (known := _reader_of(entry)) is not None]
+    inside = _inside(place)
     if len(inside) == 1:
         return inside[0]
     if inside:
-        names = ", ".join(entry.name for _, entry in inside)
+        names = ", ".join(str(entry.relative_to(place)) for _, entry in inside)
         raise DataError(f"holds {len(inside)} missions; name one of: {names}", place)
+    if _is_trajectory(place):
+        raise DataError(
+            "a trajectory and no mission: 'gtsam-nav evaluate TRAJECTORY REFERENCE' scores it,"
+            " 'gtsam-nav run' estimates one from a mission",
+            place,
+        )
     expected = "; ".join(f"{reader.NAME}: {reader.EXPECTS}" for reader in readers())
     raise DataError(f"not a mission that any reader knows. They expect: {expected}", place)
+
+
+def _inside(place: Path, depth: int = 2) -> list[tuple[Reader, Path]]:
+    """The missions in a folder: its entries, and what lies in those that are none themselves."""
+    found: list[tuple[Reader, Path]] = []
+    for entry in sorted(place.iterdir())[:MOST_ENTRIES] if place.is_dir() else []:
+        reader = _reader_of(entry)
+        if reader is not None:
+            found.append((reader, entry))
+        elif depth > 1:
+            found += _inside(entry, depth - 1)
+    return found
+
+
+def _is_trajectory(place: Path) -> bool:
+    """Whether a file holds the eight or twelve numbers a line of TUM or KITTI."""
+    from gtsam_nav.readers._text import first_lines
+
+    rows = [line.split() for line in first_lines(place, 20) if not line.startswith("#")]
+    try:
+        return bool(rows) and all(len([float(x) for x in row]) in (8, 12) for row in rows if row)
+    except ValueError:
+        return False
 
 
 def _reader_of(place: Path) -> Reader | None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -30,6 +30,7 @@ ROS1, STORAGES = ".bag", (".db3", ".mcap")
 TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 HEADER = "std_msgs/msg/Header"
 
+MAGIC = {".bag": b"#ROSBAG V", ".db3": b"SQLite format 3", ".mcap": b"\x89MCAP0"}
 REPAIR = (
     "a bag that was cut off or never closed can be repaired with 'rosbag reindex' (ROS 1),"
     " 'ros2 bag reindex' or 'mcap recover'"
@@ -131,6 +132,15 @@ class Bag:
             stamped = bool(fields := known.get(kind, ((), ()))[1]) and fields[0][1][1] == HEADER
             count = sum(connection.msgcount for connection in connections)
             yield Topic(name, kind, count, kind in known, stamped, tuple(connections))
+
+    @property
+    def spans_ns(self) -> list[tuple[int, int, str]]:
+        """Start, end and name of each file that holds messages, in the order of their starts."""
+        return sorted(
+            (part.start_time, part.end_time, Path(str(part.path)).name)
+            for part in self._reader.readers
+            if part.message_count
+        )
 
     @property
     def is_posix(self) -> bool:
@@ -241,6 +251,18 @@ def bag_paths(path: Path) -> tuple[Path, ...]:
     return ros1 or tuple(p for p in files if p.suffix in STORAGES)
 
 
+def _remedy(paths: tuple[Path, ...]) -> str:
+    """What helps with a bag that does not open."""
+    files = [f for path in paths for f in (path.iterdir() if path.is_dir() else [path])]
+    for path in sorted(f for f in files if f.suffix in MAGIC):
+        magic = MAGIC[path.suffix]
+        with suppress(OSError), path.open("rb") as stream:
+            begin = stream.read(len(magic))
+            if begin != magic:
+                return f"; {path.name} " + ("does not begin like one" if begin else "is empty")
+    return f"; {REPAIR}"
+
+
 @contextmanager
 def open_bag(path: Path) -> Iterator[Bag]:
     """Open a bag, or the files of one.
@@ -268,5 +290,5 @@ def open_bag(path: Path) -> Iterator[Bag]:
             bag = Bag(reader, paths)
         except Exception as error:  # rosbags raises whatever the damage leads to
             reason = " ".join(str(error).split())[:300] or type(error).__name__
-            raise DataError(f"the bag cannot be opened: {reason}; {REPAIR}", path) from error
+            raise DataError(f"the bag cannot be opened: {reason}{_remedy(paths)}", path) from error
         yield bag

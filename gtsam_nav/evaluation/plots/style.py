@@ -20,7 +20,7 @@ MUTED = "#6b7785"
 GRID = "#e4e8ec"
 REFERENCE = "#1d2733"
 ACCEPTED = "#009e73"
-REJECTED = "#d55e00"
+REJECTED = "#9f1fdf"
 _METHODS = {
     "graph": "#1f6fb2",
     "dr": "#e07b1a",
@@ -28,7 +28,7 @@ _METHODS = {
     "pose-ekf": "#3ead80",
     "scan-match": "#9d433e",
     "landmark-ekf": "#a98ae2",
-    "kiss": "#0c00d8",
+    "kiss": "#851313",  # far from graph's: scan-match, the nearest, needs a sonar and it a lidar
 }
 
 DPI = 130
