@@ -112,7 +112,8 @@ class Trajectory:
         """Standard deviations of n, e, d, shape (n, 3), m."""
         if self.cov_pose_n is None:
             return None
-        return np.sqrt(np.diagonal(self.cov_pose_n, axis1=1, axis2=2)[:, :3])
+        # an origin that is where it is by definition has a variance of zero, but for rounding
+        return np.sqrt(np.maximum(np.diagonal(self.cov_pose_n, axis1=1, axis2=2)[:, :3], 0.0))
 
     @property
     def sigma_rpy(self) -> Array | None:

@@ -241,3 +241,12 @@ def test_a_trajectory_ends_where_its_mission_does(stop_s: float) -> None:
     assert np.all(np.diff(t) > 1e-6)
     assert np.all(np.diff(t) <= 0.1 + 1e-6)
     assert len(t) == 1 or t[0] == 2.0
+
+
+def test_a_variance_of_zero_survives_rounding() -> None:
+    cov = covariances(3)
+    cov[0, 0, 0] = -1e-22
+    sigma = steady(np.arange(3.0), cov_pose_n=cov).sigma_p_n
+    assert sigma is not None
+    assert sigma[0, 0] == 0.0
+    assert np.all(sigma[1:] > 0.0)
