@@ -299,6 +299,7 @@ def test_methods_that_are_said_to_run_do_run(mission: Mission, lacking: tuple[st
                 estimate(part, method)
 
 
+@pytest.mark.slow
 @pytest.mark.realdata
 def test_st_pere_marina(stpere_folder: Path) -> None:
     """What the logs are known for: a disturbed compass, a sonar gap, a rest at the surface."""

@@ -271,6 +271,7 @@ def test_simulate_lasts_as_long_as_its_scenario(gtsam_nav: CommandLine, tmp_path
     assert gtsam_nav("inspect", tmp_path / "run", "--json").code == 0
 
 
+@pytest.mark.slow
 def test_an_earlier_run_in_the_folder_is_named(
     gtsam_nav: CommandLine, mission_folder: Path, tmp_path: Path
 ) -> None:

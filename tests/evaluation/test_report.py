@@ -97,6 +97,7 @@ def test_simulated_sonar_is_labelled_over_every_score(written: Path) -> None:
     assert all("simulated sonar" in label for _, label in headings)
 
 
+@pytest.mark.slow
 def test_a_simulated_lidar_is_labelled_and_its_map_named(tmp_path: Path) -> None:
     series = CloudSeries(t=np.array([0.0]), clouds=(Cloud(np.zeros((1, 3))),))
     solution = solutions.graph_solution()
@@ -205,6 +206,7 @@ def test_elements_escape_text_and_attributes() -> None:
     assert '<td class="figure">1 &amp; 2</td>' in table(("a", "b"), [("x", "1 & 2")])
 
 
+@pytest.mark.slow
 def test_landmarks_are_told_beside_the_plan(tmp_path: Path) -> None:
     mapped = replace(solutions.dr_solution(), landmarks=solutions.landmark_estimates())
     text = Page(write_report([mapped], tmp_path).read_text()).text

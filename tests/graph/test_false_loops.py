@@ -123,6 +123,7 @@ def test_they_are_on_the_record_and_out_of_the_solution(mission: Mission, arbite
     assert np.max(np.abs(off)) < 0.2
 
 
+@pytest.mark.slow
 def test_without_any_defence_they_bend_it(mission: Mission) -> None:
     bare = (
         "graph.refinement.max_iterations=0",

@@ -60,6 +60,7 @@ def test_sightings_hold_a_robot_on_its_course(robot: Mission) -> None:
     np.testing.assert_allclose(trajectory.p_n[:, 2], 0.0, atol=1e-2)
 
 
+@pytest.mark.slow
 def test_learnt_landmarks_are_where_their_covariance_says(mission: Mission) -> None:
     """With GNSS and a compass the frame is the world's own."""
     solution = gn.estimate(mission, "graph")
@@ -142,6 +143,7 @@ def test_an_imu_between_two_looks_at_landmarks(seed: int) -> None:
     assert cov[-1, 0, 0] < 0.5 * alone.trajectory.cov_pose_n[-1, 0, 0]  # type: ignore[index]
 
 
+@pytest.mark.slow
 def test_elevations_tell_how_deep_a_landmark_is() -> None:
     """Ten minutes of the submarine: inertial navigation, depth, beacons in three dimensions."""
     mission = gn.simulate("submarine", seed=1, duration_s=600.0)
@@ -247,7 +249,7 @@ def test_a_landmark_only_seen_at_no_distance_is_said_and_not_used(robot: Mission
     assert 99 not in solution.landmarks.id
 
 
-@pytest.mark.parametrize("kind", ["range", "bearing"])
+@pytest.mark.parametrize("kind", ["range", pytest.param("bearing", marks=pytest.mark.slow)])
 def test_ranges_or_bearings_alone_hold_a_rover_on_its_course(kind: str) -> None:
     other = "bearing" if kind == "range" else "range"
     lacking = {"range": "range_m", "bearing": "bearing"}[other]

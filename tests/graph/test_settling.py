@@ -103,6 +103,7 @@ def test_outliers_in_bursts_are_found_and_nothing_else(
     assert min(r for r in residuals if r is not None) > 3.0
 
 
+@pytest.mark.slow
 def test_without_rejection_they_stay_under_a_kernel(laps: Mission) -> None:
     hit = np.arange(90) % 5 == 2
     faulty = displaced(laps, hit, seed=2)

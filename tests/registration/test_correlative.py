@@ -65,6 +65,7 @@ def test_the_search_has_its_reach() -> None:
     assert search(room(), new, np.zeros(3), 25.0 * VAGUE, far).q[0] == pytest.approx(4.0, abs=0.3)
 
 
+@pytest.mark.slow
 def test_nothing_in_common_is_no_match() -> None:
     found = search(room(), room() + np.array([500.0, 0.0]), np.zeros(3), VAGUE, SETTINGS)
     assert found.score == 0.0

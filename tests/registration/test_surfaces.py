@@ -42,6 +42,7 @@ def test_the_jacobian_is_that_of_the_residual() -> None:
         np.testing.assert_allclose(here.jacobian[:, axis], numerical, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_refined_poses_err_as_their_covariance_says() -> None:
     nees = []
     for seed in range(25):
