@@ -14,7 +14,8 @@ from gtsam_nav.frames import Array
 from gtsam_nav.sensors.prediction import Prediction
 from gtsam_nav.series import IntArray
 
-Observed = Literal["position", "velocity", "heading", "tilt", "depth", "gyro bias"]
+Observed = Literal["position", "velocity", "body velocity", "heading", "tilt", "depth", "gyro bias"]
+"""Positions and velocities are along the navigation axes, body velocities along the body's."""
 
 NO_ERRORS = SharedErrors(np.empty(0), np.empty(0))
 
@@ -57,3 +58,11 @@ class Aid:
     shared_jacobian: Array = field(default_factory=lambda: np.empty((0, 0)))
     v_n: Array | None = None
     sigma_v: float = 0.0
+
+    @property
+    def shows_yaw(self) -> bool:
+        """Whether it measures along the navigation axes, so that motion shows the yaw.
+
+        A compass does not: its bias is as unknown as the yaw.
+        """
+        return self.observes in ("position", "velocity")

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from gtsam_nav.config import Config
 from gtsam_nav.ekf.aid import NO_ERRORS, Aid
@@ -17,7 +18,7 @@ from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.preprocess.first_fixes import first_fixes, located
 from gtsam_nav.sensors import depth, dvl, gnss, odometry, orientation
-from gtsam_nav.sensors.noise import GnssNoise, HeadingNoise
+from gtsam_nav.sensors.noise import AttitudeNoise, GnssNoise, HeadingNoise, OdometryNoise
 from gtsam_nav.sensors.prediction import Prediction
 from gtsam_nav.sensors.rates import angular_rate_b
 from gtsam_nav.series import AttitudeSeries, DepthSeries, GnssSeries, OdometrySeries
@@ -123,19 +124,32 @@ def _dvl(found: dvl.BodyVelocities, gate: float) -> Aid:
     def velocity(k: int, state: InertialState, _: Array) -> Prediction:
         return dvl.predict(state.body, found.v_b[k], float(found.sigma[k]))
 
-    return Aid(found.sensor, "velocity", 3, found.t, found.row, velocity, gate)
+    return Aid(found.sensor, "body velocity", 3, found.t, found.row, velocity, gate)
 
 
 def _odometry(sensor: Sensor, gate: float) -> Aid:
     """Velocities; the yaw rate is the gyro's to know."""
     series = sensor.series
     assert isinstance(series, OdometrySeries)
+    noise = OdometryNoise.model_validate(sensor.noise)
     v_b, sigma = series.v_b, series.sigma_v
+    usual_m_s = float(np.sqrt(np.mean(np.sum(v_b**2, axis=1)))) if len(v_b) else 0.0
+    slip = _lasting([noise.slip_sigma * usual_m_s], [noise.slip_time_s], axes=2)
 
-    def velocity(k: int, state: InertialState, _: Array) -> Prediction:
-        return odometry.predict(state.body, v_b[k], float(sigma[k]))
+    def velocity(k: int, state: InertialState, shared: Array) -> Prediction:
+        return odometry.predict(state.body, v_b[k] + _summed(shared, 2), float(sigma[k]))
 
-    return Aid(sensor.name, "velocity", 3, series.t, series.row, velocity, gate)
+    return Aid(
+        sensor.name,
+        "body velocity",
+        3,
+        series.t,
+        series.row,
+        velocity,
+        gate,
+        slip,
+        np.tile(-np.eye(3, 2), len(slip) // 2),
+    )
 
 
 def _depths(mission: Mission, strapdown: Strapdown, config: Config) -> Iterator[Aid]:
@@ -167,12 +181,10 @@ def _orientation(mission: Mission, config: Config) -> Iterator[Aid]:
             bias = float(shared.sum())
             return orientation.predict_heading(state.body, reading[k], bias, float(sigma[k]))
 
-        bias = SharedErrors(
+        shared = _lasting(
             np.radians([noise.bias_sigma_deg, noise.disturbance_sigma_deg]),
-            np.array([np.inf, noise.disturbance_time_s]),
+            [np.inf, noise.disturbance_time_s],
         )
-        some = bias.sigma > 0
-        shared = SharedErrors(bias.sigma[some], bias.time_s[some])
         yield Aid(
             compass.name,
             "heading",
@@ -191,9 +203,38 @@ def _orientation(mission: Mission, config: Config) -> Iterator[Aid]:
 def _tilt(sensor: Sensor, gate: float) -> Aid:
     series = sensor.series
     assert isinstance(series, AttitudeSeries)
+    noise = AttitudeNoise.model_validate(sensor.noise)
     roll, pitch, sigma = series.roll, series.pitch, series.sigma
 
-    def tilt(k: int, state: InertialState, _: Array) -> Prediction:
-        return orientation.predict_tilt(state.body, roll[k], pitch[k], float(sigma[k]))
+    def tilt(k: int, state: InertialState, shared: Array) -> Prediction:
+        error = _summed(shared, 2)
+        measured = roll[k] + error[0], pitch[k] + error[1]
+        return orientation.predict_tilt(state.body, *measured, float(sigma[k]))
 
-    return Aid(sensor.name, "tilt", 2, series.t, series.row, tilt, gate)
+    errors = _lasting(
+        np.radians([noise.bias_sigma_deg, noise.disturbance_sigma_deg]),
+        [np.inf, noise.disturbance_time_s],
+        axes=2,
+    )
+    return Aid(
+        sensor.name,
+        "tilt",
+        2,
+        series.t,
+        series.row,
+        tilt,
+        gate,
+        errors,
+        np.tile(-np.eye(2), len(errors) // 2),
+    )
+
+
+def _lasting(sigma: ArrayLike, time_s: ArrayLike, axes: int = 1) -> SharedErrors:
+    """Errors that last, each on so many axes; those of no spread are left out."""
+    spread, time = np.repeat(sigma, axes), np.repeat(time_s, axes)
+    return SharedErrors(spread[spread > 0], time[spread > 0])
+
+
+def _summed(shared: Array, axes: int) -> Array:
+    """Errors of `_lasting` on each axis, shape (axes,)."""
+    return np.asarray(shared.reshape(-1, axes).sum(axis=0))
