@@ -155,6 +155,13 @@ class InsRun:
             return update
         return self.filter.compare(update.residual, update.H, factor * update.R)
 
+    def doubts(self) -> Iterator[str]:
+        """What is said of sensors that are worse than they state."""
+        for aid, watch in zip(self.aids, self._watches, strict=True):
+            said = watch and watch.warning(aid.name)
+            if said:
+                yield said
+
     def _compare(self, which: int, k: int) -> Update:
         aid, own = self.aids[which], self._own[which]
         prediction = aid.predict(k, self.filter.state, self.filter.shared[own])

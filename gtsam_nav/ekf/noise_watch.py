@@ -21,11 +21,23 @@ WINDOW_S, LEAST_READINGS = 5.0, 12
 BELIEVED_FACTOR = 4.0
 """A stated variance is taken as it is while the innovations bear it out within this factor."""
 
+SAID_SHARE = 0.1
+"""Fewer readings that are worse than stated are not worth a warning."""
+
 
 class NoiseWatch:
-    """Watches the innovations of one sensor, used or not."""
+    """Watches the innovations of one sensor, used or not.
+
+    Attributes
+    ----------
+    readings, doubted : int
+        How many there were, and how many had their variance enlarged.
+    largest_factor : float
+        By which it was, at most.
+    """
 
     def __init__(self) -> None:
+        self.readings, self.doubted, self.largest_factor = 0, 0, 1.0
         self._recent: deque[tuple[float, float]] = deque()
         self._sorted: list[float] = []
 
@@ -41,6 +53,7 @@ class NoiseWatch:
         size : int
             Its components.
         """
+        self.readings += 1
         self._recent.append((t, nis))
         insort(self._sorted, nis)
         while len(self._recent) > LEAST_READINGS and self._recent[0][0] < t - WINDOW_S:
@@ -48,4 +61,18 @@ class NoiseWatch:
         if len(self._recent) < LEAST_READINGS:
             return 1.0
         factor = self._sorted[len(self._sorted) // 2] / chi2_limit(0.5, size)
-        return factor if factor > BELIEVED_FACTOR else 1.0
+        if factor <= BELIEVED_FACTOR:
+            return 1.0
+        self.doubted += 1
+        self.largest_factor = max(self.largest_factor, factor)
+        return factor
+
+    def warning(self, name: str) -> str | None:
+        """What to say of a sensor of this name that was worse than it states for long."""
+        if self.doubted <= SAID_SHARE * self.readings:
+            return None
+        return (
+            f"{name}: its readings differ from what the filter expects by more than its noise"
+            f" states, at worst {self.largest_factor**0.5:.1f} times:"
+            f" {self.doubted} of {self.readings} counted as so much noisier"
+        )
