@@ -41,8 +41,8 @@ class Aid:
     gate_probability : float or None
         None takes every measurement.
     shared : SharedErrors
-    shared_jacobian : ndarray, shape (size, len(shared))
-        Of the residual in the shared errors.
+    shared_jacobian : ndarray, shape (size, len(shared)) or (n, size, len(shared))
+        Of the residual in the shared errors; one for all measurements, or each its own.
     v_n : ndarray, shape (n, 3), optional
         Velocities over the ground where that is what is measured; ``sigma_v`` is theirs.
     """
@@ -58,6 +58,10 @@ class Aid:
     shared_jacobian: Array = field(default_factory=lambda: np.empty((0, 0)))
     v_n: Array | None = None
     sigma_v: float = 0.0
+
+    def by_shared(self, k: int) -> Array:
+        """Jacobian of the residual of measurement k in the shared errors."""
+        return self.shared_jacobian[k] if self.shared_jacobian.ndim == 3 else self.shared_jacobian
 
     @property
     def shows_yaw(self) -> bool:

@@ -17,8 +17,8 @@ from gtsam_nav.ekf.strapdown import InertialState, Strapdown
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.preprocess.first_fixes import first_fixes, located
-from gtsam_nav.sensors import depth, dvl, gnss, odometry, orientation
-from gtsam_nav.sensors.noise import AttitudeNoise, GnssNoise, HeadingNoise, OdometryNoise
+from gtsam_nav.sensors import depth, dvl, gnss, orientation
+from gtsam_nav.sensors.noise import AttitudeNoise, DvlNoise, GnssNoise, HeadingNoise, OdometryNoise
 from gtsam_nav.sensors.prediction import Prediction
 from gtsam_nav.sensors.rates import angular_rate_b
 from gtsam_nav.series import AttitudeSeries, DepthSeries, GnssSeries, OdometrySeries
@@ -114,41 +114,55 @@ def _velocities(mission: Mission, config: Config) -> tuple[list[Aid], list[Rejec
     for sensor in mission.of_type("dvl"):
         found = dvl.body_velocities(sensor, angular_rate_b(mission, sensor.series.t), limit_s)
         rejections += found.rejections
-        aids.append(_dvl(found, gate))
+        aids.append(_dvl(found, DvlNoise.model_validate(sensor.noise), gate))
     if not any(len(aid.t) for aid in aids):
         aids = [_odometry(sensor, gate) for sensor in mission.of_type("odometry")]
     return aids, rejections
 
 
-def _dvl(found: dvl.BodyVelocities, gate: float) -> Aid:
-    def velocity(k: int, state: InertialState, _: Array) -> Prediction:
-        return dvl.predict(state.body, found.v_b[k], float(found.sigma[k]))
-
-    return Aid(found.sensor, "body velocity", 3, found.t, found.row, velocity, gate)
+def _dvl(found: dvl.BodyVelocities, noise: DvlNoise, gate: float) -> Aid:
+    scale, misalignment = noise.scale_sigma, np.radians(noise.misalignment_sigma_deg)
+    errors = SharedErrors(np.array([scale, misalignment, 0.0, 0.0]), np.full(4, np.inf))
+    return _body_velocity(found, errors, gate)
 
 
 def _odometry(sensor: Sensor, gate: float) -> Aid:
-    """Velocities; the yaw rate is the gyro's to know."""
-    series = sensor.series
+    """Velocities; the yaw rate is the gyro's to know. What drives or floats does not rise."""
+    series, noise = sensor.series, OdometryNoise.model_validate(sensor.noise)
     assert isinstance(series, OdometrySeries)
-    noise = OdometryNoise.model_validate(sensor.noise)
-    v_b, sigma = series.v_b, series.sigma_v
-    usual_m_s = float(np.sqrt(np.mean(np.sum(v_b**2, axis=1)))) if len(v_b) else 0.0
-    slip = _lasting([noise.slip_sigma * usual_m_s], [noise.slip_time_s], axes=2)
+    speed = np.hypot(*series.v_b.T)
+    slip = noise.slip_sigma * float(np.sqrt(np.mean(speed**2))) if len(speed) else 0.0
+    errors = SharedErrors(
+        np.array([noise.scale_sigma, np.radians(noise.misalignment_sigma_deg), slip, slip]),
+        np.array([np.inf, np.inf, noise.slip_time_s, noise.slip_time_s]),
+    )
+    v_b = np.column_stack([series.v_b, np.zeros(len(series))])
+    found = dvl.BodyVelocities(sensor.name, series.t, v_b, series.sigma_v, series.row)
+    return _body_velocity(found, errors, gate)
+
+
+def _body_velocity(found: dvl.BodyVelocities, errors: SharedErrors, gate: float) -> Aid:
+    """Velocities that share errors of scale, misalignment (clockwise), and slip on two axes."""
+    v_b = found.v_b
+    by_error = np.zeros((len(found), 3, 4))
+    by_error[:, :, 0], by_error[:, :, 1] = v_b, np.cross([0.0, 0.0, 1.0], v_b)
+    by_error[:, :, 2:] = np.eye(3, 2)
+    some = errors.sigma > 0
+    by_error = by_error[:, :, some]
 
     def velocity(k: int, state: InertialState, shared: Array) -> Prediction:
-        return odometry.predict(state.body, v_b[k] + _summed(shared, 2), float(sigma[k]))
+        return dvl.predict(state.body, v_b[k] - by_error[k] @ shared, float(found.sigma[k]))
 
     return Aid(
-        sensor.name,
+        found.sensor,
         "body velocity",
         3,
-        series.t,
-        series.row,
+        found.t,
+        found.row,
         velocity,
         gate,
-        slip,
-        np.tile(-np.eye(3, 2), len(slip) // 2),
+        SharedErrors(errors.sigma[some], errors.time_s[some]),
+        by_error,
     )
 
 

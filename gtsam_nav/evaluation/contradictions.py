@@ -1,7 +1,7 @@
 """Sensors that a filter's gate threw out for long, or most of the time: said as warnings.
 
-A gate is for outliers. Where it refuses a sensor for long, the filter and the sensor contradict each
-other, and one of them is wrong: an estimate that says nothing of it looks better than it is.
+A gate is for outliers. Where it refuses a sensor for long, the filter and the sensor contradict
+each other, and one of them is wrong: an estimate that says nothing of it looks better than it is.
 """
 
 from __future__ import annotations

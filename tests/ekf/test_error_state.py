@@ -17,7 +17,7 @@ def tossed() -> ErrorStateFilter:
     """A filter on an IMU that turns and sways, with a compass's bias beside the 15 errors."""
     t = np.arange(0.0, 20.0, 0.02)
     swing = np.sin(np.outer(t, [0.9, 1.3, 0.4]))
-    gyro, force = 0.3 * swing, swing + [0.0, 0.0, -9.80665]
+    gyro, force = 0.3 * swing, swing - np.array([0.0, 0.0, 9.80665])
     imu = Sensor("imu", "imu", ImuSeries(t=t, gyro_i=gyro, accel_i=force))
     sigma = np.repeat([0.1, 1.0, 1.0, 0.02, 0.2], 3)
     q = quaternion_from_rpy([0.1, -0.2, 0.7])

@@ -22,7 +22,9 @@ def test_outliers_are_left_to_the_gate(seed: int) -> None:
     assert np.all(factors(nis) == 1.0)
 
 
-def test_a_sensor_that_is_five_times_as_bad_is_found_so_and_forgiven_when_it_is_good_again() -> None:
+def test_a_sensor_that_is_five_times_as_bad_is_found_so_and_forgiven_when_it_is_good_again() -> (
+    None
+):
     rng = np.random.default_rng(0)
     good, bad = rng.chisquare(3, 100), 25.0 * rng.chisquare(3, 200)
     watch = NoiseWatch()

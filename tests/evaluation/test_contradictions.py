@@ -20,7 +20,9 @@ def solution(refused: Sequence[int], reason: str = "innovation gate") -> Solutio
     innovations = {"dvl": Innovations(used, np.ones(len(used)), 3)} if len(used) else {}
     return Solution(
         method="ins-ekf",
-        trajectory=Trajectory(t=T, p_n=np.zeros((200, 3)), q_nb_wxyz=np.tile([1.0, 0, 0, 0], (200, 1))),
+        trajectory=Trajectory(
+            t=T, p_n=np.zeros((200, 3)), q_nb_wxyz=np.tile([1.0, 0, 0, 0], (200, 1))
+        ),
         mission=Mission("m", {}),
         rejections=tuple(Rejection(T[k], "dvl", k, reason, 9.0) for k in refused),
         innovations=innovations,
