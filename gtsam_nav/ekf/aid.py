@@ -41,8 +41,8 @@ class Aid:
     gate_probability : float or None
         None takes every measurement.
     shared : SharedErrors
-    shared_jacobian : ndarray, shape (size, len(shared)) or (n, size, len(shared))
-        Of the residual in the shared errors; one for all measurements, or each its own.
+    shared_jacobian : ndarray, shape (size, len(shared)), or callable
+        Of the residual in the shared errors; a callable tells it at a state.
     v_n : ndarray, shape (n, 3), optional
         Velocities over the ground where that is what is measured; ``sigma_v`` is theirs.
     """
@@ -55,13 +55,16 @@ class Aid:
     predict: Callable[[int, InertialState, Array], Prediction]
     gate_probability: float | None
     shared: SharedErrors = NO_ERRORS
-    shared_jacobian: Array = field(default_factory=lambda: np.empty((0, 0)))
+    shared_jacobian: Array | Callable[[InertialState], Array] = field(
+        default_factory=lambda: np.empty((0, 0))
+    )
     v_n: Array | None = None
     sigma_v: float = 0.0
 
-    def by_shared(self, k: int) -> Array:
-        """Jacobian of the residual of measurement k in the shared errors."""
-        return self.shared_jacobian[k] if self.shared_jacobian.ndim == 3 else self.shared_jacobian
+    def by_shared(self, state: InertialState) -> Array:
+        """Jacobian of the residual in the shared errors, at a state."""
+        found = self.shared_jacobian
+        return found(state) if callable(found) else found
 
     @property
     def shows_yaw(self) -> bool:

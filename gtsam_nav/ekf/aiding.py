@@ -143,15 +143,17 @@ def _odometry(sensor: Sensor, gate: float) -> Aid:
 
 def _body_velocity(found: dvl.BodyVelocities, errors: SharedErrors, gate: float) -> Aid:
     """Velocities that share errors of scale, misalignment (clockwise), and slip on two axes."""
-    v_b = found.v_b
-    by_error = np.zeros((len(found), 3, 4))
-    by_error[:, :, 0], by_error[:, :, 1] = v_b, np.cross([0.0, 0.0, 1.0], v_b)
-    by_error[:, :, 2:] = np.eye(3, 2)
     some = errors.sigma > 0
-    by_error = by_error[:, :, some]
+
+    def by_error(state: InertialState) -> Array:
+        # of the velocity as predicted: that measured is noisy, and would seem too long
+        forward, right, down = state.body.R_nb.T @ state.v_n
+        scaled, turned = (forward, right, down), (-right, forward, 0.0)
+        return np.column_stack([scaled, turned, np.eye(3, 2)])[:, some]
 
     def velocity(k: int, state: InertialState, shared: Array) -> Prediction:
-        return dvl.predict(state.body, v_b[k] - by_error[k] @ shared, float(found.sigma[k]))
+        measured = found.v_b[k] - by_error(state) @ shared
+        return dvl.predict(state.body, measured, float(found.sigma[k]))
 
     return Aid(
         found.sensor,
