@@ -132,6 +132,7 @@ def estimate(
 
     from gtsam_nav.config import Config
     from gtsam_nav.errors import EstimationError
+    from gtsam_nav.evaluation.contradictions import contradictions
     from gtsam_nav.preprocess.agility import fitted_to
     from gtsam_nav.preprocess.gnss_policy import split_fixes
     from gtsam_nav.preprocess.turning import warnings_on_turns
@@ -158,5 +159,9 @@ def estimate(
         what = " ".join(str(error).split())[:300]
         raise EstimationError(f"{method} could not solve '{mission.name}': {what}") from error
     return replace(
-        solution, reference=reference, relations=mission.relations, gnss_withheld=n_withheld
+        solution,
+        reference=reference,
+        relations=mission.relations,
+        gnss_withheld=n_withheld,
+        warnings=(*solution.warnings, *contradictions(solution)),
     )

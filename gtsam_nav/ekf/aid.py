@@ -14,7 +14,8 @@ from gtsam_nav.frames import Array
 from gtsam_nav.sensors.prediction import Prediction
 from gtsam_nav.series import IntArray
 
-Observed = Literal["position", "velocity", "heading", "tilt", "depth", "gyro bias"]
+Observed = Literal["position", "velocity", "body velocity", "heading", "tilt", "depth", "gyro bias"]
+"""Positions and velocities are along the navigation axes, body velocities along the body's."""
 
 NO_ERRORS = SharedErrors(np.empty(0), np.empty(0))
 
@@ -40,8 +41,8 @@ class Aid:
     gate_probability : float or None
         None takes every measurement.
     shared : SharedErrors
-    shared_jacobian : ndarray, shape (size, len(shared))
-        Of the residual in the shared errors.
+    shared_jacobian : ndarray, shape (size, len(shared)), or callable
+        Of the residual in the shared errors; a callable tells it at a state.
     v_n : ndarray, shape (n, 3), optional
         Velocities over the ground where that is what is measured; ``sigma_v`` is theirs.
     """
@@ -54,6 +55,21 @@ class Aid:
     predict: Callable[[int, InertialState, Array], Prediction]
     gate_probability: float | None
     shared: SharedErrors = NO_ERRORS
-    shared_jacobian: Array = field(default_factory=lambda: np.empty((0, 0)))
+    shared_jacobian: Array | Callable[[InertialState], Array] = field(
+        default_factory=lambda: np.empty((0, 0))
+    )
     v_n: Array | None = None
     sigma_v: float = 0.0
+
+    def by_shared(self, state: InertialState) -> Array:
+        """Jacobian of the residual in the shared errors, at a state."""
+        found = self.shared_jacobian
+        return found(state) if callable(found) else found
+
+    @property
+    def shows_yaw(self) -> bool:
+        """Whether it measures along the navigation axes, so that motion shows the yaw.
+
+        A compass does not: its bias is as unknown as the yaw.
+        """
+        return self.observes in ("position", "velocity")

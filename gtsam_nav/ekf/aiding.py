@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from gtsam_nav.config import Config
 from gtsam_nav.ekf.aid import NO_ERRORS, Aid
@@ -16,8 +17,8 @@ from gtsam_nav.ekf.strapdown import InertialState, Strapdown
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.preprocess.first_fixes import first_fixes, located
-from gtsam_nav.sensors import depth, dvl, gnss, odometry, orientation
-from gtsam_nav.sensors.noise import GnssNoise, HeadingNoise
+from gtsam_nav.sensors import depth, dvl, gnss, orientation
+from gtsam_nav.sensors.noise import AttitudeNoise, DvlNoise, GnssNoise, HeadingNoise, OdometryNoise
 from gtsam_nav.sensors.prediction import Prediction
 from gtsam_nav.sensors.rates import angular_rate_b
 from gtsam_nav.series import AttitudeSeries, DepthSeries, GnssSeries, OdometrySeries
@@ -113,29 +114,58 @@ def _velocities(mission: Mission, config: Config) -> tuple[list[Aid], list[Rejec
     for sensor in mission.of_type("dvl"):
         found = dvl.body_velocities(sensor, angular_rate_b(mission, sensor.series.t), limit_s)
         rejections += found.rejections
-        aids.append(_dvl(found, gate))
+        aids.append(_dvl(found, DvlNoise.model_validate(sensor.noise), gate))
     if not any(len(aid.t) for aid in aids):
         aids = [_odometry(sensor, gate) for sensor in mission.of_type("odometry")]
     return aids, rejections
 
 
-def _dvl(found: dvl.BodyVelocities, gate: float) -> Aid:
-    def velocity(k: int, state: InertialState, _: Array) -> Prediction:
-        return dvl.predict(state.body, found.v_b[k], float(found.sigma[k]))
-
-    return Aid(found.sensor, "velocity", 3, found.t, found.row, velocity, gate)
+def _dvl(found: dvl.BodyVelocities, noise: DvlNoise, gate: float) -> Aid:
+    scale, misalignment = noise.scale_sigma, np.radians(noise.misalignment_sigma_deg)
+    errors = SharedErrors(np.array([scale, misalignment, 0.0, 0.0]), np.full(4, np.inf))
+    return _body_velocity(found, errors, gate)
 
 
 def _odometry(sensor: Sensor, gate: float) -> Aid:
-    """Velocities; the yaw rate is the gyro's to know."""
-    series = sensor.series
+    """Velocities; the yaw rate is the gyro's to know. What drives or floats does not rise."""
+    series, noise = sensor.series, OdometryNoise.model_validate(sensor.noise)
     assert isinstance(series, OdometrySeries)
-    v_b, sigma = series.v_b, series.sigma_v
+    speed = np.hypot(*series.v_b.T)
+    slip = noise.slip_sigma * float(np.sqrt(np.mean(speed**2))) if len(speed) else 0.0
+    errors = SharedErrors(
+        np.array([noise.scale_sigma, np.radians(noise.misalignment_sigma_deg), slip, slip]),
+        np.array([np.inf, np.inf, noise.slip_time_s, noise.slip_time_s]),
+    )
+    v_b = np.column_stack([series.v_b, np.zeros(len(series))])
+    found = dvl.BodyVelocities(sensor.name, series.t, v_b, series.sigma_v, series.row)
+    return _body_velocity(found, errors, gate)
 
-    def velocity(k: int, state: InertialState, _: Array) -> Prediction:
-        return odometry.predict(state.body, v_b[k], float(sigma[k]))
 
-    return Aid(sensor.name, "velocity", 3, series.t, series.row, velocity, gate)
+def _body_velocity(found: dvl.BodyVelocities, errors: SharedErrors, gate: float) -> Aid:
+    """Velocities that share errors of scale, misalignment (clockwise), and slip on two axes."""
+    some = errors.sigma > 0
+
+    def by_error(state: InertialState) -> Array:
+        # of the velocity as predicted: that measured is noisy, and would seem too long
+        forward, right, down = state.body.R_nb.T @ state.v_n
+        scaled, turned = (forward, right, down), (-right, forward, 0.0)
+        return np.column_stack([scaled, turned, np.eye(3, 2)])[:, some]
+
+    def velocity(k: int, state: InertialState, shared: Array) -> Prediction:
+        measured = found.v_b[k] - by_error(state) @ shared
+        return dvl.predict(state.body, measured, float(found.sigma[k]))
+
+    return Aid(
+        found.sensor,
+        "body velocity",
+        3,
+        found.t,
+        found.row,
+        velocity,
+        gate,
+        SharedErrors(errors.sigma[some], errors.time_s[some]),
+        by_error,
+    )
 
 
 def _depths(mission: Mission, strapdown: Strapdown, config: Config) -> Iterator[Aid]:
@@ -167,12 +197,10 @@ def _orientation(mission: Mission, config: Config) -> Iterator[Aid]:
             bias = float(shared.sum())
             return orientation.predict_heading(state.body, reading[k], bias, float(sigma[k]))
 
-        bias = SharedErrors(
+        shared = _lasting(
             np.radians([noise.bias_sigma_deg, noise.disturbance_sigma_deg]),
-            np.array([np.inf, noise.disturbance_time_s]),
+            [np.inf, noise.disturbance_time_s],
         )
-        some = bias.sigma > 0
-        shared = SharedErrors(bias.sigma[some], bias.time_s[some])
         yield Aid(
             compass.name,
             "heading",
@@ -191,9 +219,38 @@ def _orientation(mission: Mission, config: Config) -> Iterator[Aid]:
 def _tilt(sensor: Sensor, gate: float) -> Aid:
     series = sensor.series
     assert isinstance(series, AttitudeSeries)
+    noise = AttitudeNoise.model_validate(sensor.noise)
     roll, pitch, sigma = series.roll, series.pitch, series.sigma
 
-    def tilt(k: int, state: InertialState, _: Array) -> Prediction:
-        return orientation.predict_tilt(state.body, roll[k], pitch[k], float(sigma[k]))
+    def tilt(k: int, state: InertialState, shared: Array) -> Prediction:
+        error = _summed(shared, 2)
+        measured = roll[k] + error[0], pitch[k] + error[1]
+        return orientation.predict_tilt(state.body, *measured, float(sigma[k]))
 
-    return Aid(sensor.name, "tilt", 2, series.t, series.row, tilt, gate)
+    errors = _lasting(
+        np.radians([noise.bias_sigma_deg, noise.disturbance_sigma_deg]),
+        [np.inf, noise.disturbance_time_s],
+        axes=2,
+    )
+    return Aid(
+        sensor.name,
+        "tilt",
+        2,
+        series.t,
+        series.row,
+        tilt,
+        gate,
+        errors,
+        np.tile(-np.eye(2), len(errors) // 2),
+    )
+
+
+def _lasting(sigma: ArrayLike, time_s: ArrayLike, axes: int = 1) -> SharedErrors:
+    """Errors that last, each on so many axes; those of no spread are left out."""
+    spread, time = np.repeat(sigma, axes), np.repeat(time_s, axes)
+    return SharedErrors(spread[spread > 0], time[spread > 0])
+
+
+def _summed(shared: Array, axes: int) -> Array:
+    """Errors of `_lasting` on each axis, shape (axes,)."""
+    return np.asarray(shared.reshape(-1, axes).sum(axis=0))

@@ -63,7 +63,7 @@ def _nonholonomic(mission: Mission, sigma: float, gate: float) -> Aid:
     def straight(_k: int, state: InertialState, _shared: Array) -> Prediction:
         return motion_constraints.nonholonomic(state.body, sigma)
 
-    return Aid("nonholonomic", "velocity", 2, t, np.arange(len(t)), straight, gate)
+    return Aid("nonholonomic", "body velocity", 2, t, np.arange(len(t)), straight, gate)
 
 
 def _still(spells: Spells, sigma: float, gate: float, mission: Mission) -> Aid:
@@ -77,7 +77,7 @@ def _still(spells: Spells, sigma: float, gate: float, mission: Mission) -> Aid:
 
     size = 2 if level_only else 3
     row = np.arange(len(spells.t))
-    return Aid("zero velocity", "velocity", size, spells.t, row, rest, gate)
+    return Aid("zero velocity", "body velocity", size, spells.t, row, rest, gate)
 
 
 def _not_turning(spells: Spells, strapdown: Strapdown, gate: float) -> Aid:

@@ -171,9 +171,10 @@ class ErrorStateFilter:
         nis = np.nan if S_inverse is None else float(residual @ S_inverse @ residual)
         return Update(residual, H, R, S_inverse, nis)
 
-    def correct(self, update: Update, leave_yaw: bool = False) -> None:
+    def correct(self, update: Update, *, shows_yaw: bool, leave_yaw: bool = False) -> None:
         """Take a measurement in, in Joseph form.
 
+        One that does not show the yaw leaves it as uncertain as it was, exactly: see `carried`.
         With ``leave_yaw`` the heading is considered, not estimated: its uncertainty counts, but the
         measurement does not change it (Schmidt's filter).
 
@@ -193,7 +194,8 @@ class ErrorStateFilter:
         left = -K @ H
         left.flat[:: self.size + 1] += 1.0
         P = left @ self.P @ left.T + K @ update.R @ K.T
-        self.P = in_turned_axes(0.5 * (P + P.T), error[THETA])
+        P = 0.5 * (P + P.T)
+        self.P = in_turned_axes(P, error[THETA]) if shows_yaw else carried(P, error)
         self.state = self.state.corrected(error[:SIZE])
         self.shared = self.shared + error[SIZE:]
         self._correction = compose(self._correction, error)
@@ -250,3 +252,24 @@ def in_turned_axes(P: Array, theta_b: Array) -> Array:
     T[THETA, THETA] = np.eye(3) - (1 - c) / angle * V + (1 - s / angle) * V @ V
     T[RHO, RHO] = T[NU, NU] = np.eye(3) - s * V + (1 - c) * V @ V
     return np.asarray(T @ P @ T.T)
+
+
+def carried(P: Array, error: Array) -> Array:
+    """Covariance after a correction by what does not show the yaw.
+
+    Such measurements cannot tell a track from the same track turned about the vertical. But how
+    the errors of velocity and position go with that of the yaw depends on where the filter
+    believes to be: each correction changes that, and would pass for knowledge of the yaw. So the
+    covariance is carried along with the state, by the adjoint of the correction. The filter is
+    then the right-invariant one: Barrau and Bonnabel, *The invariant extended Kalman filter as a
+    stable observer*, IEEE Transactions on Automatic Control 62(4), 2017.
+    """
+    from scipy.spatial.transform import Rotation
+
+    back = Rotation.from_rotvec(-error[THETA]).as_matrix()
+    adjoint = np.eye(len(P))
+    for entries in (THETA, RHO, NU):
+        adjoint[entries, entries] = back
+    for entries in (RHO, NU):
+        adjoint[entries, THETA] = -back @ skew(error[entries])
+    return np.asarray(adjoint @ P @ adjoint.T)

@@ -163,7 +163,7 @@ class AidUpdates:
         H = np.zeros((len(prediction.residual), len(self.slam.P)))
         H[:, : prediction.jacobian.shape[1]] = prediction.jacobian
         if len(aid.shared):
-            H[:, SIZE + own.start : SIZE + own.stop] = aid.shared_jacobian
+            H[:, SIZE + own.start : SIZE + own.stop] = aid.by_shared(vehicle.state)
         S = H @ self.slam.P @ H.T + prediction.cov
         try:
             np.linalg.cholesky(S)

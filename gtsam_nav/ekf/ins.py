@@ -80,7 +80,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         georeferenced=start.georeferenced,
         online=online if config.ins_ekf.smooth else None,
         rejections=(*mission.rejections, *rejections, *history.rejections),
-        warnings=(*mission.warnings, *_silences(strapdown, imu, t)),
+        warnings=(*mission.warnings, *_silences(strapdown, imu, t), *run.doubts()),
         slow_states=_slow_states(states, P, imu),
         innovations=_innovations(aids, history),
         gnss_used=_fixes_used(aids, history),

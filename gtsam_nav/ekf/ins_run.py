@@ -14,6 +14,7 @@ from gtsam_nav.ekf.error_state import ErrorStateFilter, Node, SharedErrors, Upda
 from gtsam_nav.ekf.gate import Gate
 from gtsam_nav.ekf.heading_search import FoundHeading, HeadingSearch
 from gtsam_nav.ekf.inertial_start import InertialStart
+from gtsam_nav.ekf.noise_watch import NoiseWatch
 from gtsam_nav.ekf.strapdown import GYRO_BIAS, NU, RHO, SIZE, THETA, Strapdown
 from gtsam_nav.frames import Array, rpy_from_rotation, wrap_angle
 from gtsam_nav.mission import Rejection
@@ -72,6 +73,7 @@ class InsRun:
         self.aids, self.keep_all = aids, keep_all
         self.history = History(used=[[] for _ in aids])
         self._gates = [Gate(aid.gate_probability) for aid in aids]
+        self._watches = [None if aid.shows_yaw else NoiseWatch() for aid in aids]
         last = np.cumsum([0, *(len(aid.shared) for aid in aids)]).tolist()
         self._own = [slice(a, b) for a, b in pairwise(last)]
         self._search = HeadingSearch()
@@ -122,15 +124,18 @@ class InsRun:
         if update.S_inverse is None:
             self._reject(aid, k, "singular innovation covariance", None)
             return
+        update = self._with_noise_as_seen(which, update)
         verdict = self._gates[which].judge(self.filter.state.t, update)
         if verdict == "reject":
             self._reject(aid, k, "innovation gate", float(np.sqrt(update.nis)))
             return
         if verdict == "reopen":
             self._reopen(which)
-            update = self._compare(which, k)
+            update = self._with_noise_as_seen(which, self._compare(which, k))
         self.filter.correct(
-            update, leave_yaw=unknown and aid.observes not in ("heading", "gyro bias")
+            update,
+            shows_yaw=aid.shows_yaw,
+            leave_yaw=unknown and aid.observes not in ("heading", "gyro bias"),
         )
         self.history.used[which].append((self.filter.state.t, update.whitened))
         if not unknown:
@@ -140,6 +145,23 @@ class InsRun:
         elif aid.observes == "position":
             self._search_heading(None, 0.0)
 
+    def _with_noise_as_seen(self, which: int, update: Update) -> Update:
+        """The measurement with the noise that the sensor's innovations show, where that is more."""
+        watch = self._watches[which]
+        if watch is None:
+            return update
+        factor = watch.variance_factor(self.filter.state.t, update.nis, len(update.R))
+        if factor == 1.0:
+            return update
+        return self.filter.compare(update.residual, update.H, factor * update.R)
+
+    def doubts(self) -> Iterator[str]:
+        """What is said of sensors that are worse than they state."""
+        for aid, watch in zip(self.aids, self._watches, strict=True):
+            said = watch and watch.warning(aid.name)
+            if said:
+                yield said
+
     def _compare(self, which: int, k: int) -> Update:
         aid, own = self.aids[which], self._own[which]
         prediction = aid.predict(k, self.filter.state, self.filter.shared[own])
@@ -147,7 +169,7 @@ class InsRun:
         if len(aid.shared):
             H = np.zeros((len(H), SIZE + own.stop))
             H[:, : prediction.jacobian.shape[1]] = prediction.jacobian
-            H[:, SIZE + own.start :] = aid.shared_jacobian
+            H[:, SIZE + own.start :] = aid.by_shared(self.filter.state)
         return self.filter.compare(prediction.residual, H, prediction.cov)
 
     def _reject(self, aid: Aid, k: int, reason: str, normalised: float | None) -> None:
@@ -167,7 +189,7 @@ class InsRun:
         if aid.observes in ("position", "depth"):
             variance[RHO] = offset**2
             variance[NU] = rate**2 + REOPENED_SPEED_M_S**2
-        elif aid.observes == "velocity":
+        elif aid.observes in ("velocity", "body velocity"):
             variance[NU] = offset**2
         elif aid.observes == "heading":
             variance[THETA] = offset**2 * down_b**2
@@ -175,7 +197,7 @@ class InsRun:
             variance[THETA] = offset**2
         else:
             variance[GYRO_BIAS] = offset**2
-        if aid.observes in ("position", "velocity"):
+        if aid.shows_yaw:
             variance[THETA] = REOPENED_YAW_RAD**2 * down_b**2
         self._close_node()
         self.filter.widen(variance)
@@ -198,7 +220,7 @@ class InsRun:
         heading = float(wrap_angle(yaw + found.correction))
         prediction = predict_heading(body, heading, 0.0, found.sigma)
         update = self.filter.compare(prediction.residual, prediction.jacobian, prediction.cov)
-        self.filter.correct(update)
+        self.filter.correct(update, shows_yaw=True)
         self._search.forget()
         logger.info(
             "at %.1f s the heading is found: %.0f deg", self.filter.state.t, np.degrees(heading)

@@ -113,7 +113,9 @@ class OdometryNoise(Settings):
     """Noise of body-frame speed and yaw rate where the file states none.
 
     ``scale_sigma`` and ``misalignment_sigma_deg`` are the spread of the constant errors, and
-    ``curvature_sigma_deg_m`` that of a turn that goes unnoticed (wheels of unequal size).
+    ``curvature_sigma_deg_m`` that of a turn that goes unnoticed (wheels of unequal size). The
+    inertial filter counts slip too: an error of the velocity whose spread is the share
+    ``slip_sigma`` of the usual speed, and which forgets itself over ``slip_time_s``.
     """
 
     sigma_v_m_s: float = Field(default=0.1, gt=0)
@@ -121,6 +123,8 @@ class OdometryNoise(Settings):
     scale_sigma: float = Field(default=0.03, ge=0)
     curvature_sigma_deg_m: float = Field(default=1.0, ge=0)
     misalignment_sigma_deg: float = Field(default=0.5, ge=0)
+    slip_sigma: float = Field(default=0.1, ge=0)
+    slip_time_s: float = Field(default=1.0, gt=0)
 
 
 class HeadingNoise(Settings):
@@ -148,9 +152,18 @@ class HeadingNoise(Settings):
 
 
 class AttitudeNoise(Settings):
-    """Noise of roll and pitch where the file states none."""
+    """Noise of roll and pitch.
+
+    The error is white noise (``sigma_deg``, where the file states none) plus a constant of spread
+    ``bias_sigma_deg`` (how the instrument was levelled) and a disturbance of spread
+    ``disturbance_sigma_deg`` that forgets itself over ``disturbance_time_s``: an AHRS takes
+    accelerations for gravity. Only the inertial filter counts both.
+    """
 
     sigma_deg: float = Field(default=0.5, gt=0)
+    bias_sigma_deg: float = Field(default=1.0, ge=0)
+    disturbance_sigma_deg: float = Field(default=1.0, ge=0)
+    disturbance_time_s: float = Field(default=20.0, gt=0)
 
 
 class DepthNoise(Settings):

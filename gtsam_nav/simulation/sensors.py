@@ -167,7 +167,7 @@ def attitude(
         name="attitude",
         type="attitude",
         series=AttitudeSeries(t=t, roll=roll, pitch=pitch, sigma=np.full(len(t), sigma)),
-        noise={"sigma_deg": s.sigma_deg},
+        noise={"sigma_deg": s.sigma_deg, "bias_sigma_deg": 0.0, "disturbance_sigma_deg": 0.0},
     )
 
 
@@ -245,6 +245,7 @@ def odometry(
             "scale_sigma": s.scale_sigma,
             "misalignment_sigma_deg": 0.0,
             "curvature_sigma_deg_m": 0.0,
+            "slip_sigma": 0.0,
         },
     )
 

@@ -287,13 +287,64 @@ def test_odometry_stands_in_for_a_dvl() -> None:
     wheels = OdometrySeries(
         t=t, v_b=v_b[:, :2], yaw_rate=0 * t, sigma_v=0.05 * one, sigma_yaw_rate=one
     )
-    mission = laps().without("gnss").with_sensor(Sensor("log", "odometry", wheels))
+    exact = {"scale_sigma": 0.0, "misalignment_sigma_deg": 0.0, "slip_sigma": 0.0}
+    log = Sensor("log", "odometry", wheels, noise=exact)
+    mission = laps().without("gnss").with_sensor(log)
     solution = estimate(mission)
     assert solution.innovations["log"].dof == 3
     assert not solution.georeferenced
     found = solution.trajectory.interpolate(t[10:])
     way = found.p_n - CubicSpline(truth.t, truth.p_n)(t[10:])
     assert np.ptp(way[:, :2], axis=0).max() < 5.0
+
+
+BAG_CARDS = {
+    "robot_localization_test2": {"odometry": "/jackal_velocity_controller/odom"},
+    "sonia_imu_dvl_depth": {"dvl": "/provider_dvl_PD0Packet"},
+}
+
+
+@pytest.mark.slow
+@pytest.mark.realdata
+@pytest.mark.parametrize("bag", BAG_CARDS)
+def test_cheap_sensors_that_contradict_each_other_do_not_lead_it_astray(
+    recorded_data: Path, tmp_path: Path, bag: str
+) -> None:
+    """Wheels that slip, an AHRS that is out of level; what is measured twice ends near `dr`."""
+    topics = dict.fromkeys(("imu", "heading", "attitude"), "/imu/data") | BAG_CARDS[bag]
+    card = tmp_path / "card.yaml"
+    lines = (
+        f"    {name}: {{topic: {topic}, rpy_deg: [0, 0, 0], xyz_m: [0, 0, 0]}}"
+        for name, topic in topics.items()
+    )
+    card.write_text("\n".join(["mission:", "  sensors:", *lines]))
+    mission = gn.open_mission(recorded_data / "bags" / f"{bag}.bag", card=card)
+    (velocity,) = BAG_CARDS[bag]
+    solution, reckoned = (gn.estimate(mission, method) for method in ("ins-ekf", "dr"))
+    gated = [r for r in solution.rejections if r.reason == "innovation gate"]
+    assert sum(r.sensor == velocity for r in gated) < 0.05 * len(mission.sensors[velocity].series)
+    assert not [w for w in solution.warnings if "contradict" in w]
+    way = solution.trajectory.p_n[-1] - reckoned.trajectory.p_n[-1]
+    assert np.linalg.norm(way) < 4.0
+    assert solution.trajectory.cov_pose_n is not None
+    assert np.sqrt(solution.trajectory.cov_pose_n[-1, 5, 5]) > np.radians(5.0)  # as the compass
+
+
+@pytest.mark.slow
+def test_a_dvl_that_is_askew_is_known_to_be() -> None:
+    seen = simulate("marina", seed=3, duration_s=200.0)
+    noise = {"scale_sigma": 0.0, "misalignment_sigma_deg": 0.0}
+    dvl = seen.sensors["dvl"]
+    blind = seen.with_sensor(replace(dvl, noise={**dvl.noise, **noise}))
+    told = seen.with_sensor(
+        replace(dvl, noise={**dvl.noise, "scale_sigma": 0.02, "misalignment_sigma_deg": 2.0})
+    )
+    sigma = [
+        np.sqrt(np.trace(found.cov_pose_n[-1, :2, :2]))
+        for found in (estimate(m, "gnss.use=none").trajectory for m in (blind, told))
+        if found.cov_pose_n is not None
+    ]
+    assert sigma[1] > 1.05 * sigma[0]
 
 
 def test_without_an_imu_the_error_names_what_there_is() -> None:

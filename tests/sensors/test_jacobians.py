@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from gtsam_nav.frames import Array, rotation_from_rpy
-from gtsam_nav.sensors import gnss, motion_constraints, odometry, orientation
+from gtsam_nav.sensors import dvl, gnss, motion_constraints, orientation
 from gtsam_nav.sensors.prediction import BodyState, Prediction
 
 Model = Callable[[BodyState], Prediction]
@@ -32,9 +32,9 @@ def tilt(rng: np.random.Generator) -> Model:
     return lambda s: orientation.predict_tilt(s, roll, pitch, 0.1)
 
 
-def wheels(rng: np.random.Generator) -> Model:
-    v_b = rng.normal(size=2)
-    return lambda s: odometry.predict(s, v_b, 0.1)
+def body_velocity(rng: np.random.Generator) -> Model:
+    v_b = rng.normal(size=3)
+    return lambda s: dvl.predict(s, v_b, 0.1)
 
 
 def rest(_: np.random.Generator) -> Model:
@@ -50,7 +50,8 @@ def no_slip(_: np.random.Generator) -> Model:
 
 
 MODELS = {
-    make.__name__: make for make in (gnss_velocity, heading, tilt, wheels, rest, no_way, no_slip)
+    make.__name__: make
+    for make in (gnss_velocity, heading, tilt, body_velocity, rest, no_way, no_slip)
 }
 
 

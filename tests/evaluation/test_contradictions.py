@@ -1,0 +1,55 @@
+"""Warnings on sensors that a gate refused for long."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from gtsam_nav.evaluation.contradictions import contradictions
+from gtsam_nav.mission import Mission, Rejection
+from gtsam_nav.solution import Innovations, Solution
+from gtsam_nav.trajectory import Trajectory
+
+T = np.arange(200) * 0.5
+
+
+def solution(refused: Sequence[int], reason: str = "innovation gate") -> Solution:
+    used = np.delete(T, refused)
+    innovations = {"dvl": Innovations(used, np.ones(len(used)), 3)} if len(used) else {}
+    return Solution(
+        method="ins-ekf",
+        trajectory=Trajectory(
+            t=T, p_n=np.zeros((200, 3)), q_nb_wxyz=np.tile([1.0, 0, 0, 0], (200, 1))
+        ),
+        mission=Mission("m", {}),
+        rejections=tuple(Rejection(T[k], "dvl", k, reason, 9.0) for k in refused),
+        innovations=innovations,
+    )
+
+
+def test_a_long_refusal_is_said_with_its_time() -> None:
+    (said,) = contradictions(solution(range(40, 80)))
+    assert said.startswith("dvl: 40 of 200 measurements were rejected, all from 20.0 s to 39.5 s")
+    assert "contradict" in said
+
+
+def test_a_sensor_that_is_refused_always_is_said() -> None:
+    (said,) = contradictions(solution(range(200)))
+    assert said.startswith("dvl: 200 of 200")
+
+
+def test_most_of_a_sensor_is_said_though_some_pass_in_between() -> None:
+    assert len(list(contradictions(solution([k for k in range(200) if k % 3])))) == 1
+
+
+@pytest.mark.parametrize(
+    "refused", [range(0, 200, 3), range(50, 60), [10, 80, 150]], ids=["third", "burst", "few"]
+)
+def test_outliers_are_not(refused: Sequence[int]) -> None:
+    assert not list(contradictions(solution(refused)))
+
+
+def test_what_a_reader_left_out_is_not() -> None:
+    assert not list(contradictions(solution(range(200), "no lock")))
