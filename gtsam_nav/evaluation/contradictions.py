@@ -39,8 +39,8 @@ def contradictions(solution: Solution) -> Iterator[str]:
         if not too_long and len(t_refused) <= LARGEST_SHARE * total:
             continue
         yield (
-            f"{sensor}: {len(t_refused)} of {total} measurements were rejected, in one run those from"
-            f" {first:.1f} s to {last:.1f} s: the filter and the sensor contradict each other"
+            f"{sensor}: {len(t_refused)} of {total} measurements were rejected, in one run those"
+            f" from {first:.1f} s to {last:.1f} s: the filter and the sensor contradict each other"
         )
 
 
