@@ -15,6 +15,7 @@ from pathlib import Path
 from types import CodeType
 
 import pytest
+from hypothesis import Phase, settings
 
 from benchmarks.mutation.mutants import Mutant
 
@@ -93,7 +94,21 @@ def _trial(mutant: Mutant | None, tests: Sequence[str]) -> None:
     if mutant is not None:
         sys.meta_path.insert(0, _Finder(mutant))
     # pytest's own code, whatever the modules left behind do when Python winds down
-    os._exit(pytest.main([*PYTEST, *tests]))
+    os._exit(pytest.main([*PYTEST, *tests], plugins=[_FirstFailure()]))
+
+
+class _FirstFailure:
+    """Has hypothesis stop at an example that fails, instead of looking for a simpler one."""
+
+    def pytest_configure(self) -> None:
+        settings.register_profile(
+            "first failure",
+            settings.get_profile(settings.get_current_profile_name()),
+            phases=(Phase.explicit, Phase.generate),
+            report_multiple_bugs=False,
+            database=None,
+        )
+        settings.load_profile("first failure")
 
 
 class _Finder(importlib.abc.MetaPathFinder):
