@@ -5,12 +5,10 @@ A card is YAML in ``datasets/``: inside the installed package, or beside it in a
 
 from __future__ import annotations
 
-from collections.abc import Hashable
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
-import yaml
 from pydantic import BaseModel, Field, FiniteFloat, ValidationError, model_validator
 
 from gtsam_nav.errors import DataError
@@ -19,8 +17,8 @@ from gtsam_nav.mission import Constraints
 from gtsam_nav.sensors.noise import G_M_S2, NOISE_MODELS, figure_names
 from gtsam_nav.series import SERIES_TYPES
 from gtsam_nav.settings import Settings
+from gtsam_nav.yaml_files import YamlError, read_yaml_file
 
-MAX_YAML_BYTES = 1_000_000
 MISSION_SECTION = "mission"
 """What a file of settings may hold beside them: the card of a mission that has none inside."""
 
@@ -29,9 +27,6 @@ CARD_FOLDERS = (PACKAGE / "datasets", PACKAGE.parent / "datasets")
 
 Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 Model = TypeVar("Model", bound=BaseModel)
-
-# what PyYAML raises beside YAMLError on broken scalars and bottomless nesting
-_YAML_FAULTS = (ValueError, TypeError, AttributeError, LookupError, RecursionError, OverflowError)
 
 
 class Described(Settings):
@@ -240,14 +235,9 @@ def read_yaml(path: Path, model: type[Model], section: str | None = None) -> Mod
         Names the file, the key and the choices.
     """
     try:
-        if path.stat().st_size > MAX_YAML_BYTES:
-            raise DataError(f"larger than {MAX_YAML_BYTES} bytes; that is no description", path)
-        tree = yaml.load(path.read_text(encoding="utf-8-sig"), Loader=_UniqueKeyLoader)
-    except yaml.MarkedYAMLError as error:
-        line = error.problem_mark.line + 1 if error.problem_mark else None
-        raise DataError(f"not YAML: {error.problem or error.context}", path, line) from error
-    except (OSError, yaml.YAMLError, *_YAML_FAULTS) as error:
-        raise DataError(f"not readable as YAML: {error}", path) from error
+        tree = read_yaml_file(path)
+    except YamlError as error:
+        raise DataError(str(error), path, error.line) from error
     if section is not None:
         tree = tree.get(section) if isinstance(tree, dict) else None
     if not isinstance(tree, dict):
@@ -262,8 +252,8 @@ def read_yaml(path: Path, model: type[Model], section: str | None = None) -> Mod
 def with_mission(path: Path | None) -> Path | None:
     """The path again where it is a YAML file with a section ``mission``, a mission's card."""
     try:
-        tree = None if path is None else yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, yaml.YAMLError, *_YAML_FAULTS):
+        tree = None if path is None else read_yaml_file(path)
+    except YamlError:
         return None
     return path if isinstance(tree, dict) and MISSION_SECTION in tree else None
 
@@ -273,20 +263,3 @@ def _first_fault(error: ValidationError) -> str:
     key = ".".join(str(part) for part in first["loc"])
     what = first["msg"].removeprefix("Value error, ")
     return f"{key}: {what}" if key else what
-
-
-class _UniqueKeyLoader(yaml.SafeLoader):
-    """The safe loader, but a key that is given twice is an error: neither would get lost."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
-        seen: set[Any] = set()
-        for key_node, _ in node.value:
-            if key_node.tag == "tag:yaml.org,2002:merge":
-                continue
-            key = self.construct_object(key_node, deep=True)
-            if isinstance(key, Hashable) and key in seen:
-                raise yaml.constructor.ConstructorError(
-                    None, None, f"the key '{key}' is given twice", key_node.start_mark
-                )
-            seen.add(key)
-        return super().construct_mapping(node, deep=deep)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import shlex
+import signal
 import sys
 import time
 import traceback
@@ -11,13 +12,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from gtsam_nav.cli_batch import batch
-from gtsam_nav.cli_options import ConfigOption, JsonOption, QuietOption, SetOption
-from gtsam_nav.errors import ConfigError, DataError, EstimationError, GtsamNavError, OutputError
+from gtsam_nav.cli_export import export
+from gtsam_nav.cli_options import (
+    ConfigOption,
+    ForceOption,
+    FrameOption,
+    JsonOption,
+    QuietOption,
+    SetOption,
+)
+from gtsam_nav.cli_rerun import rerun
+from gtsam_nav.errors import ConfigError, DataError, EstimationError, GtsamNavError
 from gtsam_nav.terminal import progress_bars, say, show, show_json
 
 if TYPE_CHECKING:
@@ -25,7 +35,6 @@ if TYPE_CHECKING:
     from gtsam_nav.mission import Mission
     from gtsam_nav.simulation import Fault
     from gtsam_nav.solution import Progress, Solution
-    from gtsam_nav.writers.frame import Frame
 
 logger = logging.getLogger(__name__)
 
@@ -37,7 +46,8 @@ app = typer.Typer(
 )
 config_app = typer.Typer(no_args_is_help=True, help="The configuration.")
 app.add_typer(config_app, name="config")
-app.command()(batch)
+for command in (batch, export, rerun):
+    app.command()(command)
 
 MissionArgument = Annotated[Path, typer.Argument(metavar="MISSION", help="Mission folder or logs.")]
 OutOption = Annotated[
@@ -57,7 +67,6 @@ InjectOption = Annotated[
         help="Spoil what the methods see, as in gnss:outliers=0.3 or dvl:drop=300:420; repeatable.",
     ),
 ]
-FrameOption = Annotated[str, typer.Option(metavar="FRAME", help="Axes of files: ned or enu.")]
 
 
 @app.callback()
@@ -73,6 +82,8 @@ def settle_logging(
 
 def main() -> None:
     """Run the command line; errors become one line on stderr and an exit code."""
+    # a batch system's request to end unwinds like Ctrl-C, so that no draft stays behind
+    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     # --debug belongs to the program, wherever it was typed
     arguments = sorted(sys.argv[1:], key=lambda argument: argument != "--debug")
     debug = "--debug" in arguments
@@ -91,30 +102,6 @@ def main() -> None:
         sys.exit(1)
 
 
-def settle_output(folder: Path, *runs: Path) -> None:
-    """Make a folder and see that the results can be put there, before any work is done.
-
-    Raises
-    ------
-    OutputError
-        Where it cannot be written, or where one of the runs' places holds something else.
-    """
-    import tempfile
-
-    from gtsam_nav.writers.run_folder import RECORD
-
-    for place in runs:
-        if place.exists() and not (place / RECORD).is_file():
-            raise OutputError(f"{place}: is there and not a run's folder; choose another --out")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        reason = error.strerror or type(error).__name__
-        raise OutputError(f"{folder}: cannot write there: {reason}") from error
-
-
 @app.command()
 def inspect(
     mission: MissionArgument,
@@ -124,11 +111,11 @@ def inspect(
 ) -> None:
     """Check rates, gaps, clocks, units and signs of a mission; list a bag and print its card."""
     from gtsam_nav.audit import audit
-    from gtsam_nav.cards import with_mission
+    from gtsam_nav.config import checked_card
     from gtsam_nav.readers import describe, open_mission
     from gtsam_nav.tables import finding_table, sensor_table, stream_table
 
-    card = with_mission(config)
+    card = checked_card(config)
     contents = describe(mission, card)
     if contents is not None and not as_json:
         show(stream_table(contents), "")
@@ -143,8 +130,10 @@ def inspect(
     show(
         sensor_table(found),
         "",
-        finding_table(found.findings),
-        "",
+    )
+    if found.findings:
+        show(finding_table(found.findings), "")
+    show(
         f"span {found.span_s[0]:.1f} to {found.span_s[1]:.1f} s{rest}",
         f"methods that can run: {', '.join(found.methods) or 'none'}",
     )
@@ -175,7 +164,7 @@ def run(
     from gtsam_nav.evaluation.report import write_report
     from gtsam_nav.methods import check_method
     from gtsam_nav.simulation import parse_fault
-    from gtsam_nav.writers.run_folder import find_runs
+    from gtsam_nav.writers.run_folder import find_runs, settle_output
 
     resolved = load_config(config, overrides)
     names = list(dict.fromkeys(method))
@@ -272,16 +261,16 @@ def show_runs(folders: Mapping[str, Path], as_json: bool = False) -> None:
     if as_json:
         show_json([asdict(row) for row in rows])
     else:
-        from gtsam_nav.tables import comparison_table
+        from gtsam_nav.tables import comparison_tables
 
-        show(comparison_table(rows))
+        show(*comparison_tables(rows))
     concerned: dict[str, list[str]] = {}
     for row in rows:
         for fault in runs[row.name].record.faults:
             concerned.setdefault(f"injected {fault}", []).append(row.name)
         for warning in runs[row.name].record.warnings:
             concerned.setdefault(warning, []).append(row.name)
-        if row.coverage is None:
+        if row.coverage is None and row.relations is None:
             concerned.setdefault("no score: nothing to score on", []).append(row.name)
         elif row.failed:
             failed = f"failed: covers only {row.coverage:.1%} of the reference"
@@ -367,11 +356,14 @@ def simulate(
     duration: Annotated[
         float | None, typer.Option(metavar="S", help="Length; the scenario's own where not given.")
     ] = None,
+    force: ForceOption = False,
 ) -> None:
     """Write a simulated mission as a mission folder."""
     from gtsam_nav.simulation import simulate as simulated
-    from gtsam_nav.writers.mission_folder import write_mission
+    from gtsam_nav.writers.mission_folder import check_free, write_mission
+    from gtsam_nav.writers.run_folder import settle_output
 
+    check_free(out, force)
     settle_output(out.parent)
     mission = simulated(name, seed, duration)
     write_mission(mission, out)
@@ -384,47 +376,27 @@ def convert(
     mission: MissionArgument,
     out: Annotated[Path, typer.Option(metavar="FOLDER", help="Mission folder to write.")],
     config: ConfigOption = None,
+    force: ForceOption = False,
     quiet: QuietOption = False,
 ) -> None:
     """Write a mission of any format as a mission folder."""
-    from gtsam_nav.cards import with_mission
+    from gtsam_nav.config import checked_card
     from gtsam_nav.readers import open_mission
-    from gtsam_nav.writers.mission_folder import write_mission
+    from gtsam_nav.writers.mission_folder import check_free, write_mission
+    from gtsam_nav.writers.run_folder import settle_output
 
+    card = checked_card(config)
+    check_free(out, force)
     settle_output(out.parent)
     with progress_bars(quiet) as progress:
-        opened = open_mission(mission, progress, with_mission(config))
+        opened = open_mission(mission, progress, card)
     write_mission(opened, out)
     start, stop = opened.span_s
     show(f"mission '{opened.name}', {stop - start:.1f} s: {out}")
+    for (sensor, reason), n in opened.dropped.items():
+        show(f"dropped: {sensor}: {n} x {reason}")
     for warning in opened.warnings:
         say(f"warning: {warning}")
-
-
-@app.command()
-def export(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="DIR/METHOD, or DIR for all in it.")],
-    to: Annotated[
-        str, typer.Option(metavar="FORMATS", help="Of tum,kitti,g2o,nav,geojson,kml,ply.")
-    ],
-    frame: FrameOption = "ned",
-) -> None:
-    """Write finished runs in other formats."""
-    from gtsam_nav.writers.exports import export_run
-    from gtsam_nav.writers.run_folder import find_runs
-
-    folders, formats = find_runs(run), to.split(",")
-    for folder in folders:
-        for name in formats:
-            try:
-                paths = export_run(folder, [name], cast("Frame", frame))
-            except DataError as error:
-                # among several runs one may lack what another has
-                if len(folders) == 1:
-                    raise
-                say(f"warning: {error}")
-                continue
-            show(*map(str, paths))
 
 
 @config_app.command("dump")

@@ -15,3 +15,7 @@ SetOption = Annotated[
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="No progress bars.")]
+FrameOption = Annotated[str, typer.Option(metavar="FRAME", help="Axes of files: ned or enu.")]
+ForceOption = Annotated[
+    bool, typer.Option("--force", help="Replace a mission folder that is there.")
+]

@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
-from gtsam_nav.cards import MISSION_SECTION
+from gtsam_nav.cards import MISSION_SECTION, with_mission
 from gtsam_nav.ekf.settings import (
     DeadReckoningSettings,
     InsSettings,
@@ -22,10 +22,11 @@ from gtsam_nav.graph.settings import GraphSettings
 from gtsam_nav.odometry.settings import KissSettings
 from gtsam_nav.preprocess.gnss_policy import GnssSettings
 from gtsam_nav.preprocess.settings import MotionSettings
-from gtsam_nav.registration.settings import Open3dSettings, PicSettings
+from gtsam_nav.registration.settings import CorrelativeSettings, Open3dSettings, PicSettings
 from gtsam_nav.sensors.settings import LandmarkSettings
 from gtsam_nav.settings import Settings
 from gtsam_nav.sonar.settings import SonarSettings
+from gtsam_nav.yaml_files import YamlError, parse_yaml, read_yaml_file
 
 
 class Config(Settings):
@@ -41,6 +42,7 @@ class Config(Settings):
     pose_ekf: PoseEkfSettings = PoseEkfSettings()
     sonar: SonarSettings = SonarSettings()
     pic: PicSettings = PicSettings()
+    correlative: CorrelativeSettings = CorrelativeSettings()
     open3d: Open3dSettings = Open3dSettings()
     kiss: KissSettings = KissSettings()
     graph: GraphSettings = GraphSettings()
@@ -51,12 +53,12 @@ class Config(Settings):
         return yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False)
 
 
-def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> Config:
+def load_config(path: Path | str | None = None, overrides: Sequence[str] = ()) -> Config:
     """Read a configuration file and apply ``key=value`` overrides.
 
     Parameters
     ----------
-    path : Path, optional
+    path : Path or str, optional
         YAML; what it does not name keeps its default.
     overrides : sequence of str
         ``gnss.use=window`` and the like; values are read as YAML.
@@ -67,16 +69,30 @@ def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> Conf
         Where the file is not YAML, or a key is unknown, or a value is out of range.
     """
     tree: dict[str, Any] = {}
+    path = None if path is None else Path(path)
     if path is not None:
         try:
-            loaded = yaml.safe_load(path.read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-            raise ConfigError(f"{path}: cannot read the configuration: {error}") from error
+            loaded = read_yaml_file(path)
+        except YamlError as error:
+            where = path if error.line is None else f"{path}:{error.line}"
+            raise ConfigError(f"{where}: cannot read the configuration: {error}") from error
         if not isinstance(loaded, dict | None):
             raise ConfigError(f"{path}: the configuration must be a map of sections")
         # a mission's card may stand beside the settings; the readers' business
         tree = {key: value for key, value in (loaded or {}).items() if key != MISSION_SECTION}
     return _validated(tree, overrides, path)
+
+
+def checked_card(path: Path | None) -> Path | None:
+    """The file of settings again where it holds a mission's card.
+
+    Raises
+    ------
+    ConfigError
+        Where its settings are not in order, even if nobody uses them.
+    """
+    load_config(path)
+    return with_mission(path)
 
 
 def override_config(config: Config, overrides: Sequence[str]) -> Config:
@@ -104,8 +120,8 @@ def _apply_override(tree: dict[str, Any], override: str) -> None:
     if not equals or not key.strip():
         raise ConfigError(f"'{override}' is not of the form key=value, as in gnss.use=none")
     try:
-        value = yaml.safe_load(text)
-    except yaml.YAMLError as error:
+        value = parse_yaml(text)
+    except YamlError as error:
         raise ConfigError(f"'{override}': the value is not YAML") from error
     *sections, last = key.strip().split(".")
     for section in sections:
@@ -127,5 +143,7 @@ def _explain(error: ValidationError, path: Path | None) -> str:
     section: Any = Config()
     for part in location[:-1]:
         section = getattr(section, part)
-    choices = ", ".join(type(section).model_fields)
-    return f"{where}unknown config key '{key}'; the choices are: {choices}"
+    choices = list(type(section).model_fields)
+    if path is not None and len(location) == 1:
+        choices.append(f"{MISSION_SECTION} (a mission's card: its sensors stand there)")
+    return f"{where}unknown config key '{key}'; the choices are: {', '.join(choices)}"

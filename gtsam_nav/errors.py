@@ -7,7 +7,8 @@
     ├── OutputError       a result cannot be written                      exit code 2
     ├── PackageError      an optional package does not import here        exit code 2
     ├── DataError         a mission is missing, damaged or unusable       exit code 3
-    └── EstimationError   the data are fine, the estimator failed         exit code 4
+    ├── EstimationError   the data are fine, the estimator failed         exit code 4
+    └── RepetitionError   a repeated run is not the same                  exit code 5
 
 Every message says what is wrong, where, and what the choices are. Only the command line turns an
 exception into an exit code.
@@ -62,6 +63,12 @@ class DataError(GtsamNavError):
         self.line = line
         where = "" if path is None else f"{path}: " if line is None else f"{path}:{line}: "
         super().__init__(where + what)
+
+
+class RepetitionError(GtsamNavError):
+    """A run was repeated and came out otherwise."""
+
+    exit_code = 5
 
 
 class EstimationError(GtsamNavError):

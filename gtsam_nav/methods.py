@@ -134,11 +134,13 @@ def estimate(
     from gtsam_nav.errors import EstimationError
     from gtsam_nav.preprocess.agility import fitted_to
     from gtsam_nav.preprocess.gnss_policy import split_fixes
+    from gtsam_nav.preprocess.turning import warnings_on_turns
     from gtsam_nav.solution import no_progress
 
     check_method(method)
     config = config or Config()
     blind, reference, n_withheld = split_fixes(mission, config.gnss)
+    blind = replace(blind, relations=None)
     if faults:
         from gtsam_nav.simulation import inject
 
@@ -146,7 +148,7 @@ def estimate(
     _check_faults(method, blind)
     motion, notes = fitted_to(blind, config.motion)
     config = config.model_copy(update={"motion": motion})
-    blind = replace(blind, warnings=(*blind.warnings, *notes))
+    blind = replace(blind, warnings=(*blind.warnings, *notes, *warnings_on_turns(blind)))
     run: Method = import_module(_METHODS[method].module).estimate
     try:
         # matrices of a thousand rows: more BLAS threads spend their time waiting for each other
@@ -155,4 +157,6 @@ def estimate(
     except (RuntimeError, ArithmeticError, LinAlgError) as error:
         what = " ".join(str(error).split())[:300]
         raise EstimationError(f"{method} could not solve '{mission.name}': {what}") from error
-    return replace(solution, reference=reference, gnss_withheld=n_withheld)
+    return replace(
+        solution, reference=reference, relations=mission.relations, gnss_withheld=n_withheld
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -107,6 +108,55 @@ class Constraints:
 
 
 @dataclass(frozen=True)
+class Relations:
+    """Surveyed poses of the vehicle at one time in that at another: a reference without a frame.
+
+    Attributes
+    ----------
+    sensor : str
+        Whose stamps the times are.
+    t : ndarray, shape (n, 2)
+        Earlier and later time, s.
+    q : ndarray, shape (n, 3)
+        Pose at the later in that at the earlier: forward, starboard (m) and yaw (rad, clockwise).
+    """
+
+    sensor: str
+    t: Array
+    q: Array
+
+
+@dataclass(frozen=True)
+class Opening:
+    """How a mission was opened, so that it can be opened so again.
+
+    Attributes
+    ----------
+    path : Path
+        Absolute.
+    card : Path or None
+        What named its streams, where something did.
+    start_s, stop_s : float or None
+        What it was cropped to, start <= t < stop.
+    """
+
+    path: Path
+    card: Path | None = None
+    start_s: float | None = None
+    stop_s: float | None = None
+
+    def cropped(self, start_s: float, stop_s: float) -> Opening:
+        """The same, cropped further."""
+        start_s = start_s if self.start_s is None else max(start_s, self.start_s)
+        stop_s = stop_s if self.stop_s is None else min(stop_s, self.stop_s)
+        return replace(
+            self,
+            start_s=start_s if np.isfinite(start_s) else None,
+            stop_s=stop_s if np.isfinite(stop_s) else None,
+        )
+
+
+@dataclass(frozen=True)
 class Mission:
     """Everything that was measured on one outing.
 
@@ -123,6 +173,8 @@ class Mission:
         Surveyed landmarks.
     constraints : Constraints
         How the vehicle can move.
+    relations : Relations or None
+        Ground truth, as the reference is.
     faults : tuple of str
         Specifications of the faults that were injected into it.
     rejections : tuple of Rejection
@@ -131,6 +183,8 @@ class Mission:
         Degradations that the user must hear of.
     sources : tuple of Path
         Files that were read, for checksums.
+    opening : Opening or None
+        How it was opened; None of what does not come from disk.
     """
 
     name: str
@@ -140,10 +194,17 @@ class Mission:
     initial: InitialState = field(default_factory=InitialState)
     landmark_map: LandmarkMap | None = None
     constraints: Constraints = field(default_factory=Constraints)
+    relations: Relations | None = None
     faults: tuple[str, ...] = ()
     rejections: tuple[Rejection, ...] = ()
     warnings: tuple[str, ...] = ()
     sources: tuple[Path, ...] = ()
+    opening: Opening | None = None
+
+    def __repr__(self) -> str:
+        start, stop = self.span_s
+        held = ", ".join(f"{name}: {len(s.series)}" for name, s in self.sensors.items())
+        return f"Mission('{self.name}', {start:.1f} to {stop:.1f} s, samples: {held or 'none'})"
 
     def of_type(self, sensor_type: str) -> list[Sensor]:
         """All sensors of a type that hold samples, in the mission's order."""
@@ -167,6 +228,11 @@ class Mission:
         if not series:
             return 0.0, 0.0
         return min(float(s.t[0]) for s in series), max(float(s.t[-1]) for s in series)
+
+    @property
+    def dropped(self) -> dict[tuple[str, str], int]:
+        """How many samples the reader dropped, by sensor and reason."""
+        return dict(sorted(Counter((r.sensor, r.reason) for r in self.rejections).items()))
 
     @property
     def sonar_kind(self) -> SonarKind | None:
@@ -194,4 +260,5 @@ class Mission:
             for name, s in self.sensors.items()
         }
         initial = self.initial if start_s <= self.span_s[0] else InitialState()
-        return replace(self, sensors=cropped, initial=initial)
+        opening = self.opening and self.opening.cropped(start_s, stop_s)
+        return replace(self, sensors=cropped, initial=initial, opening=opening)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import Mission, Rejection, Sensor, SonarKind
+from gtsam_nav.mission import Mission, Rejection, Relations, Sensor, SonarKind
 from gtsam_nav.series import IntArray
 from gtsam_nav.trajectory import Trajectory
 
@@ -38,6 +38,11 @@ class StageClock:
             yield
         finally:
             self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begin
+
+
+def listed(solutions: Solution | Sequence[Solution]) -> Sequence[Solution]:
+    """Solutions as a sequence, a single one too."""
+    return [solutions] if isinstance(solutions, Solution) else solutions
 
 
 @dataclass(frozen=True)
@@ -240,6 +245,8 @@ class Solution:
     reference : Sensor or None
         What the solution may be scored on: the mission's reference, or the fixes that the GNSS
         policy withheld.
+    relations : Relations or None
+        The mission's own, to be scored on too.
     rejections : tuple of Rejection
         Every measurement that was not used, the reader's included.
     robust_weights : mapping of str to RobustWeights
@@ -258,6 +265,7 @@ class Solution:
     georeferenced: bool = True
     online: Trajectory | None = None
     reference: Sensor | None = None
+    relations: Relations | None = None
     loops: tuple[LoopClosure, ...] = ()
     rejections: tuple[Rejection, ...] = ()
     warnings: tuple[str, ...] = ()
@@ -273,6 +281,14 @@ class Solution:
     gnss_withheld: int = 0
     n_keyframes: int = 0
     stage_s: Mapping[str, float] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        start, stop = self.trajectory.t[[0, -1]].tolist()
+        return (
+            f"Solution('{self.method}' of '{self.mission.name}', {start:.1f} to {stop:.1f} s,"
+            f" {len(self.trajectory)} poses, {len(self.loops)} loop candidates,"
+            f" {len(self.rejections)} rejections, {len(self.warnings)} warnings)"
+        )
 
     @property
     def sonar_kind(self) -> SonarKind | None:

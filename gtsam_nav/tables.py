@@ -13,16 +13,22 @@ from gtsam_nav.batch.ranking import SCORES, Ranking
 from gtsam_nav.doctor import PackageState
 from gtsam_nav.evaluation.comparison import ComparisonRow
 from gtsam_nav.readers.contents import Contents
+from gtsam_nav.writers.run_comparison import SAME, Repetition
 
 
 def _table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str | Text]]) -> Table:
-    """A plain table; a column whose name starts with '>' is right-aligned."""
-    table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False)
+    """A plain table; a column whose name starts with '>' is right-aligned.
+
+    Names come from files: brackets in them are no markup.
+    """
+    table = Table(
+        title=Text(title), title_justify="left", title_style="bold", box=None, pad_edge=False
+    )
     for name in columns:
         right = name.startswith(">")
         table.add_column(name.lstrip(">"), justify="right" if right else "left", overflow="fold")
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*(Text(cell) if isinstance(cell, str) else cell for cell in row))
     return table
 
 
@@ -80,6 +86,12 @@ def finding_table(findings: Iterable[Finding]) -> Table:
     return _table("Findings", ("", "check", "sensor", "what"), rows)
 
 
+def comparison_tables(rows: Sequence[ComparisonRow]) -> list[Table | str]:
+    """Runs side by side, and on surveyed relations where any has them."""
+    tables: list[Table | str] = [comparison_table(rows)]
+    return [*tables, "", relation_table(rows)] if any(row.relations for row in rows) else tables
+
+
 def comparison_table(rows: Sequence[ComparisonRow]) -> Table:
     """Runs side by side; errors in metres, by alignment."""
     columns = (
@@ -105,6 +117,27 @@ def comparison_table(rows: Sequence[ComparisonRow]) -> Table:
     return _table(f"Horizontal error, m{note}", columns, cells)
 
 
+def relation_table(rows: Sequence[ComparisonRow]) -> Table:
+    """Errors of the runs on surveyed relations, those between far apart times being loops."""
+    columns = ("run", "relations", ">number", ">median m", ">95 % m", ">median deg", ">95 % deg")
+    cells = [
+        (
+            row.name,
+            kind,
+            str(errors.n),
+            figure(errors.median_m, 3),
+            figure(errors.p95_m, 3),
+            figure(errors.median_deg),
+            figure(errors.p95_deg),
+        )
+        for row in rows
+        if row.relations is not None
+        for kind, errors in (("near", row.relations.near), ("loops", row.relations.loops))
+        if errors is not None
+    ]
+    return _table("Error of relative poses", columns, cells)
+
+
 def ranking_table(ranking: Ranking) -> Table:
     """Methods and settings of a batch, best first."""
     columns = (
@@ -125,6 +158,15 @@ def ranking_table(ranking: Ranking) -> Table:
     ]
     score = "nothing to rank by" if ranking.score is None else SCORES[ranking.score]
     return _table(f"{score}, on {ranking.missions} missions", columns, rows)
+
+
+def repetition_table(name: str, repetition: Repetition) -> Table:
+    """The results of a run and how they differ in its repetition."""
+    rows = [
+        (file, Text(difference, "green" if difference == SAME else "bold yellow"))
+        for file, difference in repetition.files.items()
+    ]
+    return _table(f"Repetition of {name}", ("result", "again"), rows)
 
 
 def package_table(packages: Iterable[PackageState]) -> Table:

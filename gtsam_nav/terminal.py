@@ -51,7 +51,7 @@ def progress_bars(quiet: bool = False) -> Iterator[Progress]:
     from rich.progress import BarColumn, TaskID, TextColumn, TimeElapsedColumn
     from rich.progress import Progress as Bars
 
-    columns = TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()
+    columns = TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn()
     with Bars(*columns, console=_console(sys.stderr), transient=True) as bars:
         tasks: dict[str, TaskID] = {}
 
@@ -72,7 +72,7 @@ def count_bar(quiet: bool = False) -> Iterator[Callable[[BatchProgress], None] |
     from rich.progress import BarColumn, TextColumn
     from rich.progress import Progress as Bars
 
-    columns = BarColumn(), TextColumn("{task.description}")
+    columns = BarColumn(), TextColumn("{task.description}", markup=False)
     with Bars(*columns, console=_console(sys.stderr), transient=True) as bars:
         task = bars.add_task("the workers start", total=None)
 

@@ -20,6 +20,8 @@ MAX_GAP_S = 5.0
 """Interpolation never bridges a longer gap."""
 SAME_TIME_S = 1e-6
 """Nearer moments are told apart by rounding alone."""
+UNIFORM_YAW_SIGMA = float(np.pi / np.sqrt(3.0))
+"""Of a yaw of which nothing is known, rad."""
 
 
 def record_times(start_s: float, stop_s: float, rate_hz: float) -> Array:
@@ -114,7 +116,10 @@ class Trajectory:
 
     @property
     def sigma_rpy(self) -> Array | None:
-        """Standard deviations of roll, pitch, yaw, shape (n, 3), rad."""
+        """Standard deviations of roll, pitch, yaw, shape (n, 3), rad.
+
+        That of a yaw of which nothing is known is a uniform direction's, pi / sqrt(3).
+        """
         if self.cov_pose_n is None:
             return None
         _, pitch, yaw = self.rpy.T
@@ -129,7 +134,8 @@ class Trajectory:
             axis=1,
         )
         cov = J @ self.cov_pose_n[:, 3:, 3:] @ np.swapaxes(J, 1, 2)
-        return np.asarray(np.sqrt(np.diagonal(cov, axis1=1, axis2=2)))
+        sigma = np.sqrt(np.diagonal(cov, axis1=1, axis2=2))
+        return np.asarray(np.minimum(sigma, [np.inf, np.inf, UNIFORM_YAW_SIGMA]))
 
     def select(self, which: BoolArray | IntArray | slice) -> Trajectory:
         """The samples that a mask, an index array in time order, or a slice picks."""

@@ -14,11 +14,20 @@ find_python() {
     return 1
 }
 
+# What is installed for EXTRAS: for the tests the very versions of constraints.txt.
+wanted() {
+    cat pyproject.toml
+    if [ "$1" = '[test]' ]; then
+        cat constraints.txt
+    fi
+}
+
 # prepare_environment EXTRAS: .venv with the package, its dependencies and EXTRAS ("" or "[test]").
-# A stamp, a copy of pyproject.toml, remembers what was installed.
+# A stamp remembers what was wanted when it was installed.
 prepare_environment() {
-    local extras=$1 python
-    if cmp -s pyproject.toml ".venv/installed$extras" || cmp -s pyproject.toml ".venv/installed[test]"; then
+    local extras=$1 python constraints=()
+    if wanted "$extras" | cmp -s - ".venv/installed$extras" \
+        || wanted '[test]' | cmp -s - '.venv/installed[test]'; then
         return
     fi
     if [ ! -x .venv/bin/pip ]; then
@@ -27,7 +36,10 @@ prepare_environment() {
         "$python" -m venv .venv
     fi
     echo "installing gtsam-nav$extras into .venv, once ..." >&2
+    if [ "$extras" = '[test]' ]; then
+        constraints=(--constraint constraints.txt)
+    fi
     # the pip that comes with Python 3.11 can do all that is needed
-    .venv/bin/python -m pip install --quiet --editable ".$extras"
-    cp pyproject.toml ".venv/installed$extras"
+    .venv/bin/python -m pip install --quiet "${constraints[@]}" --editable ".$extras"
+    wanted "$extras" >".venv/installed$extras"
 }

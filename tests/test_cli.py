@@ -321,8 +321,30 @@ def test_export_writes_what_was_asked_for(gtsam_nav: CommandLine, run_folder: Pa
     done = gtsam_nav("export", run_folder / "dr", "--to", "tum,kitti,nav,kml", "--frame", "enu")
     assert done.code == 0
     written = [Path(line) for line in done.out.splitlines()]
-    assert len(written) == 4
+    assert len(written) == 5
     assert all(path.is_file() for path in written)
+
+
+def test_an_export_that_cannot_be_leaves_the_others(
+    gtsam_nav: CommandLine, run_folder: Path
+) -> None:
+    done = gtsam_nav("export", run_folder / "dr", "--to", "g2o,tum")
+    assert done.code == 3
+    assert "the run has no graph.g2o" in done.err
+    assert Path(done.out.strip()).name == "trajectory.tum"
+
+
+def test_missions_are_not_replaced_unasked(gtsam_nav: CommandLine, tmp_path: Path) -> None:
+    make = ("simulate", "laps", "--duration", 5, "--out", tmp_path / "m")
+    assert gtsam_nav(*make).code == 0
+    before = {path: path.stat().st_mtime_ns for path in (tmp_path / "m").iterdir()}
+    for again in (make, ("convert", tmp_path / "m", "--out", tmp_path / "m")):
+        refused = gtsam_nav(*again)
+        assert refused.code == 2
+        assert "--force replaces" in refused.err
+        assert {path: path.stat().st_mtime_ns for path in (tmp_path / "m").iterdir()} == before
+        assert gtsam_nav(*again, "--force").code == 0
+        before = {path: path.stat().st_mtime_ns for path in (tmp_path / "m").iterdir()}
 
 
 def test_config_dump_can_be_read_back(gtsam_nav: CommandLine, tmp_path: Path) -> None:

@@ -106,6 +106,15 @@ def test_convert_writes_a_folder_that_reads_back(bag: Path, tmp_path: Path) -> N
         np.testing.assert_array_equal(sensor.series.t, two.sensors[name].series.t)
 
 
+def test_convert_counts_what_it_drops(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "depth.csv").write_text("t,depth_m\n0,1\n1,nan\n2,nan\n3,2\n4,2\n5,2\n6,2\n")
+    (tmp_path / "card.yaml").write_text("mission: {sensors: {depth: {file: depth.csv}}}")
+    source, folder = tmp_path / "depth.csv", tmp_path / "folder"
+    assert run_main("convert", source, "-c", tmp_path / "card.yaml", "--out", folder) == 0
+    assert "dropped: depth: 2 x non-finite depth_m" in capsys.readouterr().out
+    assert open_mission(folder).dropped == {("depth", "non-finite depth_m"): 2}
+
+
 def test_convert_refuses_what_is_no_mission(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -126,3 +135,41 @@ def test_evaluate_in_east_north_up(tmp_path: Path, capsys: pytest.CaptureFixture
     assert json.loads(capsys.readouterr().out)["ate"]["none"]["max"] < 1e-9
     assert run_main("evaluate", *files, "--frame", "nwu") == 2
     assert "unknown frame 'nwu'; the choices are: ned, enu" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["inspect", "run", "convert"])
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (None, "cannot read the configuration"),
+        ("foo: 1", "unknown config key 'foo'"),
+        ("sensors: {odometry: {}}", "unknown config key 'sensors'; the choices are: seed"),
+    ],
+)
+def test_every_command_refuses_a_file_of_settings_that_is_none(
+    bag: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    command: str,
+    text: str | None,
+    said: str,
+) -> None:
+    card = tmp_path / "card.yaml"
+    if text is not None:
+        card.write_text(text)
+    out = () if command == "inspect" else ("--out", tmp_path / "out")
+    assert run_main(command, bag, "-c", card, *out) == 2
+    err = capsys.readouterr().err
+    assert said in err
+    if text is not None:
+        assert "mission (a mission's card" in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_brackets_in_a_header_are_no_markup(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "log.csv").write_text("t,heading_deg,Vx [cm/s]\n0,10,1\n1,11,1\n2,12,1\n")
+    (tmp_path / "card.yaml").write_text("mission: {sensors: {heading: {file: log.csv}}}")
+    assert run_main("inspect", tmp_path / "log.csv", "-c", tmp_path / "card.yaml") == 0
+    assert "Vx [cm/s]" in capsys.readouterr().out

@@ -126,7 +126,7 @@ def test_bad_files_are_named(tmp_path: Path, text: str | bytes, complaint: str) 
     path = written(tmp_path, text)
     with pytest.raises(ConfigError, match=complaint) as caught:
         load_config(path)
-    assert str(caught.value).startswith(f"{path}: ")
+    assert str(caught.value).startswith(f"{path}:")
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
@@ -140,3 +140,8 @@ def test_settings_are_frozen(section: str) -> None:
     name = next(iter(type(settings).model_fields))
     with pytest.raises(ValidationError, match="frozen"):
         setattr(settings, name, getattr(settings, name))
+
+
+def test_a_path_may_be_text(tmp_path: Path) -> None:
+    (tmp_path / "c.yaml").write_text("seed: 4")
+    assert load_config(str(tmp_path / "c.yaml")).seed == 4

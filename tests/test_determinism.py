@@ -45,3 +45,20 @@ def test_two_runs_write_the_same_bytes(tmp_path: Path) -> None:
     assert first.keys() == second.keys()
     assert {"graph/trajectory.tum", "graph/loops.csv", "graph/metrics.json"} <= first.keys()
     assert [name for name in first if first[name] != second[name]] == []
+
+
+@pytest.mark.slow
+def test_any_number_of_workers_writes_the_same_bytes(tmp_path: Path) -> None:
+    for seed in (1, 2):
+        mission = gn.simulate("ranger", seed=seed, duration_s=20.0)
+        write_mission(mission, tmp_path / "missions" / f"m{seed}")
+    runs = []
+    for workers in (1, 2):
+        out = tmp_path / str(workers)
+        methods = ("landmark-ekf", "ins-ekf")
+        table = gn.batch(str(tmp_path / "missions" / "*"), out, methods, workers=workers)
+        assert table["cause"].isna().all(), table["error"].tolist()
+        runs.append({k: v for k, v in results(out).items() if not k.startswith(("results", "rep"))})
+    first, second = runs
+    assert {"m1/landmark-ekf/trajectory.tum", "m2/ins-ekf/metrics.json"} <= first.keys()
+    assert first == second

@@ -44,3 +44,11 @@ def test_a_solution_knows_the_sonar_of_its_mission() -> None:
     assert solution.sonar_kind == "simulated"
     deaf = replace(solution, mission=solution.mission.without("beams"))
     assert deaf.sonar_kind is None
+
+
+def test_what_is_printed_fits_a_line() -> None:
+    solution = graph_solution()
+    for text in (repr(solution), repr(solution.mission)):
+        assert len(text) < 300
+        assert solution.mission.name in text
+    assert f"'{solution.method}'" in repr(solution)

@@ -18,9 +18,9 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 
 LAYERS = (
     {"cli"},
-    {"cli_batch"},
+    {"cli_batch", "cli_export", "cli_rerun"},
     {"tables", "terminal", "cli_options"},
-    {"methods", "audit", "batch", "doctor"},
+    {"methods", "audit", "batch", "doctor", "rerun"},
     {"graph", "ekf", "evaluation", "readers", "writers", "preprocess", "simulation", "cards"}
     | {"config", "sonar", "registration", "odometry"},
     {"sensors"},
@@ -28,7 +28,7 @@ LAYERS = (
     {"trajectory"},
     {"mission"},
     {"series"},
-    {"settings", "frames", "errors", "lazy"},
+    {"settings", "frames", "errors", "lazy", "yaml_files"},
 )
 """From the top down; a module imports from its own layer or a lower one."""
 

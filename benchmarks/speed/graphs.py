@@ -100,7 +100,7 @@ def _record(mission: Mission, config: Config) -> Recorder:
 
     backend._isam2 = recording
     try:
-        run_online(_problem(mission, config)[0], [], NO_SCANS, config, no_progress)
+        run_online(_problem(mission, config)[0], None, NO_SCANS, config, no_progress)
     finally:
         backend._isam2 = plain
     return recorders[0]
@@ -109,7 +109,7 @@ def _record(mission: Mission, config: Config) -> Recorder:
 def _once(mission: Mission, config: Config, recorder: Recorder) -> dict[str, float]:
     problem, building_s = _problem(mission, config)
     marks = [time.process_time()]
-    online = run_online(problem, [], NO_SCANS, config, no_progress)
+    online = run_online(problem, None, NO_SCANS, config, no_progress)
     marks.append(time.process_time())
     _replay(recorder, problem, config.graph.keyframes_per_update)
     marks.append(time.process_time())

@@ -123,6 +123,7 @@ def batch(
     from gtsam_nav.batch.workers import carry_out_all, connect
     from gtsam_nav.config import Config
     from gtsam_nav.methods import check_method
+    from gtsam_nav.writers.atomic import remove_drafts
 
     for method in methods:
         check_method(method)
@@ -132,15 +133,19 @@ def batch(
     done = _begin(folder, planned, resume)
     runs = [run for run in planned if run.key not in done]
     failed = 0
-    if runs:
-        with connect(workers, scheduler) as client:
-            begin = time.perf_counter()
-            for k, (_, cause) in enumerate(carry_out_all(client, runs, folder), start=1):
-                failed += cause is not None
-                if progress is not None:
-                    elapsed_s = time.perf_counter() - begin
-                    progress(BatchProgress(k, len(runs), failed, len(done), elapsed_s))
-    shutil.rmtree(folder / ATTEMPTS, ignore_errors=True)
+    try:
+        if runs:
+            with connect(workers, scheduler) as client:
+                begin = time.perf_counter()
+                for k, (_, cause) in enumerate(carry_out_all(client, runs, folder), start=1):
+                    failed += cause is not None
+                    if progress is not None:
+                        elapsed_s = time.perf_counter() - begin
+                        progress(BatchProgress(k, len(runs), failed, len(done), elapsed_s))
+    finally:
+        # also where it is interrupted: the workers are gone, and rows of what they finished stand
+        shutil.rmtree(folder / ATTEMPTS, ignore_errors=True)
+        remove_drafts(folder)
     frame = compact(folder)
     write_summary(frame, folder / REPORT)
     return frame

@@ -12,10 +12,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from gtsam_nav.config import Config, override_config
 from gtsam_nav.errors import ConfigError, DataError
+from gtsam_nav.yaml_files import YamlError, parse_yaml
 
 Sweep = Mapping[str, Sequence[Any]]
 
@@ -156,8 +155,8 @@ def parse_sweep(specs: Sequence[str]) -> dict[str, list[Any]]:
     for spec in specs:
         key, _, text = (part.strip() for part in spec.partition("="))
         try:
-            values = yaml.safe_load(f"[{text}]")
-        except yaml.YAMLError:
+            values = parse_yaml(f"[{text}]")
+        except YamlError:
             values = []
         if not key or not values:
             raise ConfigError(

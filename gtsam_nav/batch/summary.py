@@ -15,6 +15,7 @@ from gtsam_nav.batch.markup import element, page, table
 from gtsam_nav.batch.ranking import SCORES, Ranking, Variant, rank
 from gtsam_nav.batch.strips import strip_chart
 from gtsam_nav.errors import OutputError
+from gtsam_nav.writers.atomic import replacing_file
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -52,10 +53,9 @@ def write_summary(results: pd.DataFrame, path: Path) -> None:
         _worst(ranking, results, path.parent),
         _provenance(results),
     )
-    draft = path.with_name(f".{path.name}.draft")
     try:
-        draft.write_text(page("Batch summary", css, *sections), encoding="utf-8", newline="\n")
-        draft.rename(path)
+        with replacing_file(path) as draft:
+            draft.write_text(page("Batch summary", css, *sections), encoding="utf-8", newline="\n")
     except OSError as error:
         raise OutputError(f"{path}: cannot write the summary: {error}") from error
 

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, get_args, get_type_hints
 
 from gtsam_nav.errors import DataError, OutputError
 from gtsam_nav.evaluation.comparison import ComparisonRow
+from gtsam_nav.writers.atomic import replacing_file
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -188,12 +189,10 @@ def _write(path: Path, rows: pa.Table) -> None:
     import pyarrow.parquet as pq
 
     # a dot hides it from whoever reads the table meanwhile
-    draft = path.with_name(f".{path.name}.{os.getpid()}.draft")
     try:
-        with draft.open("wb") as stream:
+        with replacing_file(path) as draft, draft.open("wb") as stream:
             pq.write_table(rows, stream)
             stream.flush()
             os.fsync(stream.fileno())
-        draft.rename(path)
     except OSError as error:
         raise OutputError(f"{path}: cannot write the row: {error}") from error

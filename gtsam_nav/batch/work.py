@@ -15,7 +15,7 @@ from typing import Any
 
 from gtsam_nav.batch.plan import PlannedRun
 from gtsam_nav.batch.table import TABLE, RunRow, read_cause, row_path, write_row
-from gtsam_nav.errors import GtsamNavError
+from gtsam_nav.errors import GtsamNavError, OutputError
 
 logger = logging.getLogger(__name__)
 
@@ -114,8 +114,8 @@ def _estimate(run: PlannedRun, stopwatch: Stopwatch) -> RunRow:
     from gtsam_nav.evaluation.metrics import evaluate
     from gtsam_nav.methods import estimate
     from gtsam_nav.readers import open_mission
-    from gtsam_nav.writers.run_folder import RECORD, write_run
-    from gtsam_nav.writers.run_record import read_record
+    from gtsam_nav.writers.run_folder import write_run
+    from gtsam_nav.writers.run_record import RECORD, read_record
 
     # a worker is one core: threads of its own would take those of its neighbours
     with threadpool_limits(limits=1):
@@ -139,9 +139,12 @@ def _estimate(run: PlannedRun, stopwatch: Stopwatch) -> RunRow:
 def _begin_attempt(run: PlannedRun, out: Path) -> int:
     """Note in ``out`` that a run begins here; returns how often it has begun by now."""
     path = attempts_path(out, run.key)
-    path.parent.mkdir(exist_ok=True)
-    with path.open("a", encoding="utf-8") as stream:
-        stream.write(f"{platform.node()} {os.getpid()}\n")
+    try:
+        path.parent.mkdir(exist_ok=True)
+        with path.open("a", encoding="utf-8") as stream:
+            stream.write(f"{platform.node()} {os.getpid()}\n")
+    except OSError as error:
+        raise OutputError(f"{path}: cannot note that a run begins: {error}") from error
     return count_attempts(out, run.key)
 
 

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from gtsam_nav.evaluation.metrics import Metrics, evaluate
+from gtsam_nav.evaluation.relations import RelationScores
 from gtsam_nav.evaluation.statistics import AbsoluteErrors
 from gtsam_nav.mission import SonarKind
-from gtsam_nav.solution import Solution
+from gtsam_nav.solution import Solution, listed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -16,7 +17,8 @@ class ComparisonRow:
     """The figures by which runs are compared; None where one cannot be told.
 
     ``ate_*_m`` is the horizontal error by alignment and statistic, m; ``online_*`` that of the
-    causal estimate; ``failed`` says that the coverage is below `metrics.LEAST_COVERAGE`.
+    causal estimate; ``failed`` says that the coverage is below `metrics.LEAST_COVERAGE`;
+    ``relations`` are the errors of surveyed ones.
     """
 
     name: str
@@ -29,6 +31,7 @@ class ComparisonRow:
     online_se2_mean_m: float | None
     rpe_10_m_percent: float | None
     nees_mean: float | None
+    relations: RelationScores | None
     coverage: float | None
     failed: bool
     loops_accepted: int
@@ -53,6 +56,7 @@ def comparison_row(name: str, metrics: Metrics, wall_s: float | None = None) -> 
         online_se2_mean_m=online.se2.mean if online.se2 else None,
         rpe_10_m_percent=metrics.rpe.per_10_m.percent if metrics.rpe.per_10_m else None,
         nees_mean=metrics.nees.mean if metrics.nees else None,
+        relations=metrics.relations,
         coverage=metrics.coverage,
         failed=metrics.failed,
         loops_accepted=metrics.loops.accepted,
@@ -63,6 +67,6 @@ def comparison_row(name: str, metrics: Metrics, wall_s: float | None = None) -> 
     )
 
 
-def compare(solutions: Sequence[Solution]) -> list[ComparisonRow]:
+def compare(solutions: Solution | Sequence[Solution]) -> list[ComparisonRow]:
     """Solutions side by side, in their order, each scored on what it may be scored on."""
-    return [comparison_row(solution.method, evaluate(solution)) for solution in solutions]
+    return [comparison_row(solution.method, evaluate(solution)) for solution in listed(solutions)]

@@ -130,9 +130,15 @@ def compass_readings(mission: Mission) -> tuple[Array, Array] | None:
 
 
 def slow_names(solution: Solution) -> list[str]:
-    """Columns of the slow states in the order in which they are drawn."""
+    """Columns of the slow states in the order in which they are drawn.
+
+    One that is zero with certainty, as a planar mission has them, shows nothing.
+    """
     slow = solution.slow_states
-    return [] if slow is None or not len(slow.t) else sorted(slow.columns)
+    if slow is None or not len(slow.t):
+        return []
+    shown = (name for name, column in slow.columns.items() if np.any(np.abs(column) > 1e-9))
+    return sorted(shown)
 
 
 def for_people(name: str) -> tuple[str, str, float]:

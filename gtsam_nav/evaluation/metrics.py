@@ -15,6 +15,7 @@ from pydantic import TypeAdapter
 from gtsam_nav.evaluation.alignment import ALIGNMENTS, Aligned, align
 from gtsam_nav.evaluation.consistency import Consistency, consistency, horizontal_nees
 from gtsam_nav.evaluation.matching import Matched, distance_m, match
+from gtsam_nav.evaluation.relations import RelationScores, relation_scores
 from gtsam_nav.evaluation.relative import relative_error
 from gtsam_nav.evaluation.statistics import (
     AbsoluteErrors,
@@ -24,7 +25,7 @@ from gtsam_nav.evaluation.statistics import (
     StartStatistics,
 )
 from gtsam_nav.frames import Array, wrap_angle
-from gtsam_nav.mission import Sensor, SonarKind
+from gtsam_nav.mission import Mission, Sensor, SonarKind
 from gtsam_nav.series import ReferenceSeries
 from gtsam_nav.solution import ClockOffset, Solution
 from gtsam_nav.trajectory import MAX_GAP_S, Trajectory
@@ -45,6 +46,15 @@ class LoopCounts:
     proposed: int = 0
     accepted: int = 0
     rejected: int = 0
+
+
+WHY_NONE = {
+    "none": "the estimate is in a local frame, not in the reference's",
+    "start": "the reference never leaves its first 30 m",
+    "se2": "the reference has too few points apart",
+    "se3": "the reference has too few points apart",
+}
+"""Why an error is not there although something is scored."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,14 +110,17 @@ class TrajectoryMetrics:
         return metrics
 
     def __str__(self) -> str:
-        return "\n".join(self._lines())
+        lines = self._lines()
+        return "\n".join(lines) or "no score: nothing to score on (no reference, no withheld fix)"
 
     def _lines(self) -> list[str]:
+        if self.coverage is None:
+            return []
         lines = []
         for name in ALIGNMENTS:
             e: ErrorStatistics | None = getattr(self.ate, name)
             figures = (
-                "-"
+                f"-  ({WHY_NONE[name]})"
                 if e is None
                 else f"mean {e.mean:.2f}  rmse {e.rmse:.2f}  p95 {e.p95:.2f}  max {e.max:.2f} m"
             )
@@ -128,6 +141,8 @@ class Metrics(TrajectoryMetrics):
     ate_online : AbsoluteErrors or None
         Of the causal estimate, where the method has one and its keyframes are at most 5 s apart
         over at least half of the reference.
+    relations : RelationScores or None
+        Where the mission has surveyed relations.
     nis : mapping of str to Consistency
         Of the updates, by sensor.
     loops : LoopCounts
@@ -142,6 +157,7 @@ class Metrics(TrajectoryMetrics):
     """
 
     ate_online: AbsoluteErrors | None = None
+    relations: RelationScores | None = None
     nis: Mapping[str, Consistency]
     loops: LoopCounts
     rejected: Mapping[str, int]
@@ -151,10 +167,23 @@ class Metrics(TrajectoryMetrics):
     gnss_withheld: int
     clock_offsets: tuple[ClockOffset, ...] = ()
 
+    def _lines(self) -> list[str]:
+        scored = self.relations
+        parts = {} if scored is None else {"near": scored.near, "loops": scored.loops}
+        return [
+            *super()._lines(),
+            *(
+                f"relations  {name}: median {e.median_m:.3f} m {e.median_deg:.2f} deg,"
+                f" p95 {e.p95_m:.3f} m {e.p95_deg:.2f} deg ({e.n})"
+                for name, e in parts.items()
+                if e is not None
+            ),
+        ]
+
 
 def evaluate(
     solution: Solution,
-    reference: Sensor | None = None,
+    reference: Sensor | Mission | None = None,
     window_s: tuple[float, float] | None = None,
 ) -> Metrics:
     """Score a solution.
@@ -162,9 +191,9 @@ def evaluate(
     Parameters
     ----------
     solution : Solution
-    reference : Sensor, optional
-        Of type ``reference``; None takes the solution's own: the mission's reference, or else the
-        fixes that the GNSS policy withheld.
+    reference : Sensor or Mission, optional
+        Of type ``reference``, or a mission that carries one; None takes the solution's own: the
+        mission's reference, or else the fixes that the GNSS policy withheld.
     window_s : (float, float), optional
         Half-open span of mission time that is scored.
 
@@ -173,6 +202,8 @@ def evaluate(
     Metrics
         Every score is None where there is nothing to score on.
     """
+    if isinstance(reference, Mission):
+        reference = reference.reference
     reference = reference or solution.reference
     scores, ate_online = TrajectoryMetrics(), None
     if reference is not None:
@@ -184,6 +215,7 @@ def evaluate(
     return Metrics(
         **{f.name: getattr(scores, f.name) for f in fields(scores)},
         ate_online=ate_online,
+        relations=_relation_scores(solution),
         nis={
             sensor: found
             for sensor, innovations in sorted(solution.innovations.items())
@@ -201,6 +233,19 @@ def evaluate(
         gnss_withheld=solution.gnss_withheld,
         clock_offsets=solution.clock_offsets,
     )
+
+
+def _relation_scores(solution: Solution) -> RelationScores | None:
+    """At the times at which the scans were taken, as far as the method knows these."""
+    relations = solution.relations
+    if relations is None:
+        return None
+    offset_s = sum(
+        clock.offset_s
+        for clock in solution.clock_offsets
+        if clock.sensor == relations.sensor and clock.quantity == "time_offset"
+    )
+    return relation_scores(solution.trajectory, relations, offset_s)
 
 
 def _online_errors(

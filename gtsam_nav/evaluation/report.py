@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -23,9 +22,9 @@ from gtsam_nav.evaluation.page import asset, page_document, script
 from gtsam_nav.evaluation.page.columns import Document
 from gtsam_nav.evaluation.page.skeleton import embedded, policy, sonar_viewer, workbench
 from gtsam_nav.evaluation.weakness import LEAST_WEAK_M, WEAK
-from gtsam_nav.solution import Solution
-from gtsam_nav.writers.run_folder import RECORD
-from gtsam_nav.writers.run_record import RunRecord, read_record
+from gtsam_nav.solution import Solution, listed
+from gtsam_nav.writers.atomic import draft_folder
+from gtsam_nav.writers.run_record import RECORD, RunRecord, read_record
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -44,8 +43,12 @@ class _Report:
     plots_folder: Path
 
     @property
-    def simulated(self) -> bool:
-        return any(m.sonar == "simulated" for m in self.metrics.values())
+    def simulated(self) -> str:
+        """What of the data is simulated; empty of recorded ones."""
+        if any(m.sonar == "simulated" for m in self.metrics.values()):
+            return "simulated sonar"
+        clouds = self.solutions[0].mission.of_type("clouds")
+        return "simulated lidar" if any(sensor.simulated for sensor in clouds) else ""
 
     def beside(self, name: str, made: Figure | None) -> Path | None:
         """Write a figure beside the page; None where there is none."""
@@ -64,7 +67,7 @@ class _Report:
 
 
 def write_report(
-    solutions: Sequence[Solution], out: Path | str, config: Config | None = None
+    solutions: Solution | Sequence[Solution], out: Path | str, config: Config | None = None
 ) -> Path:
     """Write ``out/report.html`` and ``out/plots/*.png``: all solutions of a mission side by side.
 
@@ -72,7 +75,7 @@ def write_report(
 
     Parameters
     ----------
-    solutions : sequence of Solution
+    solutions : Solution or sequence of Solution
         Of one mission.
     out : Path or str
         Made where it is missing.
@@ -91,26 +94,31 @@ def write_report(
     ValueError
         Without a solution.
     """
+    solutions = listed(solutions)
     if not solutions:
         raise ValueError("a report needs at least one solution")
     folder = Path(out)
     config = config or Config()
     window_s = config.evaluation.window_s
-    report = _Report(
-        solutions=solutions,
-        config=config,
-        metrics={s.method: evaluate(s, window_s=window_s) for s in solutions},
-        whole={s.method: evaluate(s) for s in solutions} if window_s else {},
-        records=_records(solutions, folder),
-        document=page_document(solutions, window_s),
-        plots_folder=folder / "plots",
-    )
+    page, plots_folder = folder / "report.html", folder / "plots"
     try:
-        report.plots_folder.mkdir(parents=True, exist_ok=True)
-        _figures_beside(report)
-        page, draft = folder / "report.html", folder / ".report.html.draft"
-        draft.write_text(_page(report), encoding="utf-8", newline="\n")
-        os.replace(draft, page)  # noqa: PTH105
+        with draft_folder(page) as draft:
+            report = _Report(
+                solutions=solutions,
+                config=config,
+                metrics={s.method: evaluate(s, window_s=window_s) for s in solutions},
+                whole={s.method: evaluate(s) for s in solutions} if window_s else {},
+                records=_records(solutions, folder),
+                document=page_document(solutions, window_s),
+                plots_folder=draft,
+            )
+            _figures_beside(report)
+            written = draft / page.name
+            written.write_text(_page(report), encoding="utf-8", newline="\n")
+            plots_folder.mkdir(exist_ok=True)
+            for plot in draft.glob("*.png"):
+                plot.replace(plots_folder / plot.name)
+            written.replace(page)
     except OSError as error:
         raise OutputError(f"{folder}: cannot write the report: {error}") from error
     return page
@@ -158,8 +166,8 @@ def _section(title: str | Html, *content: str | Html) -> Html:
 
 
 def _scored_title(report: _Report, title: str) -> Html:
-    """A heading over figures; those of simulated sonar say so."""
-    label = element("span", "simulated sonar", class_="label") if report.simulated else Html("")
+    """A heading over figures; those of a simulated sonar or lidar say so."""
+    label = element("span", report.simulated, class_="label") if report.simulated else Html("")
     return join([title, label])
 
 
@@ -181,7 +189,7 @@ def _header(report: _Report) -> Html:
         facts.append(f"scored window {first:g} to {last:g} s")
     chips = [element("li", fact) for fact in facts]
     if report.simulated:
-        chips.append(element("li", "simulated sonar", class_="simulated"))
+        chips.append(element("li", report.simulated, class_="simulated"))
     return join(
         [
             element("h1", mission.name),
@@ -219,12 +227,16 @@ def _banners(report: _Report) -> Html:
 
 
 def _summary(report: _Report) -> Html:
+    relations = _relations(report)
     if all(s.reference is None for s in report.solutions):
+        if relations:
+            return _section("Scores", *relations)
         why = "Every score is empty: the mission has no reference, and no GNSS fix was withheld."
         return _section("Scores", element("p", why))
     note = (
         "Horizontal error of the estimate at the reference's times and antenna. "
-        "Start: aligned on the first 30 m, which are not scored. Never scaled."
+        "Start: aligned on the first 30 m, which are not scored. Never scaled. "
+        "rpe 10 m: error over each 10 m of path, in percent of it. NEES: 2 is calibrated."
     )
     if not all(s.georeferenced for s in report.solutions):
         note += " Without an absolute start, errors without alignment are left empty."
@@ -240,7 +252,19 @@ def _summary(report: _Report) -> Html:
             element("h3", "The same over the whole reference, inside and outside the window"),
             tables.summary_table(report.whole, report.records),
         ]
-    return _section(_scored_title(report, "Scores"), *pieces)
+    return _section(_scored_title(report, "Scores"), *pieces, *relations)
+
+
+def _relations(report: _Report) -> list[Html]:
+    """Errors on surveyed relations, where the mission has any."""
+    if not any(m.relations for m in report.metrics.values()):
+        return []
+    note = "Errors of relative poses between two times; those far apart are loops."
+    return [
+        element("h3", "Surveyed relations"),
+        tables.relation_table(report.metrics),
+        element("p", note, class_="note"),
+    ]
 
 
 def _plan(report: _Report) -> Html:

@@ -188,6 +188,30 @@ def gnss_table(metrics: ByMethod) -> Html:
     return table(("method", "fixes used", "fixes withheld"), rows)
 
 
+def relation_table(metrics: ByMethod) -> Html:
+    """Errors on surveyed relations."""
+    header = (
+        "method",
+        "relations",
+        "number",
+        "median (m)",
+        "95 % (m)",
+        "median (deg)",
+        "95 % (deg)",
+    )
+    rows = [
+        (
+            *(name, kind, str(e.n)),
+            *(number(f, 3) for f in (e.median_m, e.p95_m, e.median_deg, e.p95_deg)),
+        )
+        for name, m in metrics.items()
+        if m.relations is not None
+        for kind, e in (("near", m.relations.near), ("loops", m.relations.loops))
+        if e is not None
+    ]
+    return table(header, rows, names=2)
+
+
 def clock_table(metrics: ByMethod) -> Html:
     """Timing errors that were estimated."""
     rows = [

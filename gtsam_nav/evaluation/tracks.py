@@ -10,6 +10,7 @@ from gtsam_nav.evaluation.alignment import align
 from gtsam_nav.evaluation.matching import match
 from gtsam_nav.evaluation.metrics import reference_series
 from gtsam_nav.frames import Array
+from gtsam_nav.mission import Mission
 from gtsam_nav.solution import Solution
 from gtsam_nav.trajectory import Trajectory
 
@@ -65,3 +66,10 @@ def track_of(solution: Solution) -> Track:
                 R, p, note = aligned.R, aligned.p, " (SE(2)-aligned)"
     path_n = solution.trajectory.at_lever_arm(lever_b).p_n @ R.T + p
     return Track(solution, R, p, lever_b, path_n, note)
+
+
+def map_name(mission: Mission) -> str:
+    """What a map is made of."""
+    if mission.first("beams") is not None:
+        return "sonar map"
+    return "map of the clouds" if mission.first("clouds") is not None else "map of the scans"

@@ -30,7 +30,7 @@ from gtsam_nav.registration.open3d_global import global_start
 from gtsam_nav.registration.result import CloudMatch, RelativePose
 from gtsam_nav.registration.settings import Open3dSettings
 from gtsam_nav.sensors.prediction import chi2_limit
-from gtsam_nav.solution import LoopClosure, PoseGraphEdge, Progress
+from gtsam_nav.solution import LoopClosure, Progress
 
 log = logging.getLogger(__name__)
 
@@ -235,13 +235,14 @@ def cloud_loop_closures(
                 score=loop.match.fitness,
                 verdict="accepted" if loop.accepted else "rejected",
                 reason=loop.reason,
-                weight=_weight(loop, values, robustness) if loop.accepted else None,
+                weight=loop_weight(loop, values, robustness) if loop.accepted else None,
             )
         )
     return tuple(rows)
 
 
-def _weight(loop: CloudLoop, values: Any, robustness: Robustness) -> float:
+def loop_weight(loop: CloudLoop, values: Any, robustness: Robustness) -> float:
+    """What the robust kernel leaves of a loop at given values."""
     a, b = (values.atNavState(X(k)) for k in (loop.a, loop.b))
     R_a = a.attitude().matrix()
     e = loop.match.pose.error_of(
@@ -249,18 +250,3 @@ def _weight(loop: CloudLoop, values: Any, robustness: Robustness) -> float:
     )
     d2 = float(e @ np.linalg.solve(loop.match.pose.cov, e))
     return factors.weight(robustness, d2**0.5)
-
-
-def cloud_loop_edges(loops: list[CloudLoop]) -> tuple[PoseGraphEdge, ...]:
-    """The accepted loops, for the export of the pose graph."""
-    return tuple(
-        PoseGraphEdge(
-            loop.a,
-            loop.b,
-            loop.match.pose.R_ab,
-            loop.match.pose.p_a,
-            np.linalg.inv(loop.match.pose.cov).astype(float),
-        )
-        for loop in loops
-        if loop.accepted
-    )

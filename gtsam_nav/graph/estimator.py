@@ -13,12 +13,7 @@ from gtsam_nav.errors import EstimationError, PackageError
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.backend import graph_of
 from gtsam_nav.graph.clock_check import suspected_clocks
-from gtsam_nav.graph.cloud_loops import (
-    CloudLoops,
-    close_cloud_loops,
-    cloud_loop_closures,
-    cloud_loop_edges,
-)
+from gtsam_nav.graph.cloud_loops import CloudLoops, close_cloud_loops, cloud_loop_closures
 from gtsam_nav.graph.dense import dense_trajectory
 from gtsam_nav.graph.doubts import (
     contradictions,
@@ -28,28 +23,30 @@ from gtsam_nav.graph.doubts import (
     missing_loops,
     unmeasured_height,
 )
+from gtsam_nav.graph.exported import pose_graph
 from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.false_loops import loop_faults
 from gtsam_nav.graph.indeterminacy import check_anchored, states_named
 from gtsam_nav.graph.knot_system import JointPosterior
 from gtsam_nav.graph.loop_judging import judged
 from gtsam_nav.graph.measurements import build_problem, clouds
-from gtsam_nav.graph.online import OnlinePass, match_factor, run_online
+from gtsam_nav.graph.online import OnlinePass, run_online
 from gtsam_nav.graph.output import (
     constant_errors,
     keyframe_trajectory,
     landmark_estimates,
     loop_closures,
     match_rejections,
-    pose_graph,
     slow_states,
     smoothed_covariances,
 )
-from gtsam_nav.graph.outset import Ready, made_ready, mission_keyframes
+from gtsam_nav.graph.outset import Ready, made_ready, mission_keyframes, start_and_motion
 from gtsam_nav.graph.problem import Problem, SensorFactor
 from gtsam_nav.graph.refinement import JointRefinement, Refined, refine_without_sonar
+from gtsam_nav.graph.scan_calibration import ScanCalibration, calibrate_by_scans, planar_of
 from gtsam_nav.graph.scan_matching import ScanMatch
-from gtsam_nav.graph.settling import Settled, settle
+from gtsam_nav.graph.settling import Settled
+from gtsam_nav.graph.submap_loops import ScanLoops, close_submap_loops, with_matches
 from gtsam_nav.graph.weights import robust_weights, weighed, weightless
 from gtsam_nav.mission import Mission, Rejection
 from gtsam_nav.odometry.cloud_map import map_or_reason
@@ -58,12 +55,12 @@ from gtsam_nav.preprocess.motion import VehicleMotion
 from gtsam_nav.series import IntArray
 from gtsam_nav.solution import ClockOffset, Progress, Solution, SonarMap, StageClock
 from gtsam_nav.sonar.echoes import Echoes
-from gtsam_nav.sonar.motion import PlanarMotion
 from gtsam_nav.sonar.preparation import (
     SonarData,
     deskewed,
     leave_out_defective_sonar,
     registered_scans,
+    scans_at_once,
     sonar_map,
     sonar_turns,
 )
@@ -77,6 +74,7 @@ class _Echoes:
     mission: Mission
     sonar: SonarData | None
     track: CloudTrack | None
+    by_scans: tuple[ScanCalibration, ...]
     rejections: tuple[Rejection, ...]
     warnings: tuple[str, ...]
 
@@ -140,7 +138,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     """
     clock = StageClock()
     ready = made_ready(mission, config, clock, progress)
-    echoes = _echoes(ready, clock, progress)
+    ready, echoes = _echoes(ready, clock, progress)
     problem = _built(ready, echoes, clock)
     solved = _solved(problem, ready, echoes, clock, progress)
     with clock.stage("covariance"), states_named(problem):
@@ -149,15 +147,16 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     return replace(solution, stage_s=clock.seconds)
 
 
-def _echoes(ready: Ready, clock: StageClock, progress: Progress) -> _Echoes:
-    """Deskewed scans, and the odometry of the clouds."""
+def _echoes(ready: Ready, clock: StageClock, progress: Progress) -> tuple[Ready, _Echoes]:
+    """Deskewed scans, what they tell of clock and odometry, and the odometry of the clouds."""
     config = ready.config
     mission, echoes, rejections, warnings = leave_out_defective_sonar(ready.mission, config.sonar)
     with clock.stage("sonar"):
-        sonar = _sonar_data(mission, echoes, ready.motion, config)
+        ready, sonar, by_scans = _with_scans(replace(ready, mission=mission), echoes)
+    mission = ready.mission
     with clock.stage("cloud odometry"):
         track, cloud_warnings = _cloud_track(mission, config, progress)
-    return _Echoes(mission, sonar, track, rejections, (*warnings, *cloud_warnings))
+    return ready, _Echoes(mission, sonar, track, by_scans, rejections, (*warnings, *cloud_warnings))
 
 
 def _built(ready: Ready, echoes: _Echoes, clock: StageClock) -> Problem:
@@ -176,22 +175,17 @@ def _solved(
     problem: Problem, ready: Ready, echoes: _Echoes, clock: StageClock, progress: Progress
 ) -> _Solved:
     """The causal pass, the judgement of its loops, the batch and the refinement."""
-    config, robust, sonar = ready.config, ready.config.graph.robust, echoes.sonar
+    config, sonar = ready.config, echoes.sonar
     scan_keyframe = np.searchsorted(problem.t, echoes.t_scans)
     with clock.stage("isam2"), states_named(problem):
         faults = loop_faults(
             echoes.mission.faults, config.seed, problem, scan_keyframe, config.graph.loops
         )
-        scans = sonar.scans if sonar else []
-        online = run_online(problem, scans, scan_keyframe, config, progress, faults)
-    values = online.values
+        online = run_online(problem, sonar, scan_keyframe, config, progress, faults)
     with clock.stage("loops"), states_named(problem):
-        matches = judged(online.matches, problem, values, scan_keyframe, config)
-    joined = [m for m in matches if m.accepted]
-    match_factors = [match_factor(m, scan_keyframe, robust.loops) for m in joined]
+        loops = _scan_loops(problem, sonar, scan_keyframe, online, config, progress)
+    matches, match_factors, settled = loops.matches, loops.factors, loops.settled
     others = [*problem.entries, *match_factors]
-    with clock.stage("batch"), states_named(problem):
-        settled = settle(problem, others, values)
     with clock.stage("cloud loops"), states_named(problem):
         cloud_loops = close_cloud_loops(problem, echoes.track, others, settled, config, progress)
         settled = cloud_loops.settled
@@ -222,7 +216,7 @@ def _solution(
     loops = solved.cloud_loops.loops
     rows = weighed(problem, solved.timed_matches(t_scans), settled.used, values)
     constants = constant_errors(problem, solved.refined)
-    clock_offsets = ready.clocks.offsets(constants)
+    clock_offsets = (*ready.clocks.offsets(constants), *(c.clock for c in echoes.by_scans))
     keyframes = _keyframes(problem.t, values, covariances)
     trajectory = dense_trajectory(problem, values, keyframes, covariances)
     points, map_warnings = _map(echoes.sonar, echoes.track, trajectory, ready.config)
@@ -256,7 +250,7 @@ def _solution(
         slow_states=slow_states(problem, values, covariances, constants),
         clock_offsets=clock_offsets,
         pose_graph=pose_graph(
-            problem, keyframes, solved.matches, solved.scan_keyframe, cloud_loop_edges(loops)
+            problem, values, solved.matches, solved.scan_keyframe, loops, robust.loops
         ),
         sonar_map=points,
         scans=registered_scans(mission, echoes.sonar) if echoes.sonar else None,
@@ -275,10 +269,29 @@ def _warnings(
     yield from problem.warnings
     yield from ready.warnings
     yield from echoes.warnings
+    yield from (warning for found in echoes.by_scans for warning in found.warnings)
     yield from solved.cloud_loops.warnings
     yield from (offset.warning for offset in clock_offsets if not offset.observed)
     yield from doubts(problem, settled, converged=refined.converged)
     yield from missing_loops(solved.wants_false, solved.matches)
+
+
+def _scan_loops(
+    problem: Problem,
+    sonar: SonarData | None,
+    scan_keyframe: IntArray,
+    online: OnlinePass,
+    config: Config,
+    progress: Progress,
+) -> ScanLoops:
+    """The estimate with the scans' matches: closures are judged, or between submaps still found."""
+    values = online.values
+    if sonar is not None and sonar.at_once:
+        return close_submap_loops(
+            problem, sonar.scans, scan_keyframe, online.matches, values, config, progress
+        )
+    matches = judged(online.matches, problem, values, scan_keyframe, config)
+    return with_matches(problem, matches, scan_keyframe, values, config)
 
 
 def _refined(
@@ -293,7 +306,7 @@ def _refined(
     """The last solve, and the graph that it rests on: the echoes take the place of the matches."""
     graph = graph_of(problem.entries)
     graph.push_back(settled.factors)
-    if sonar is not None and config.graph.refinement.max_iterations:
+    if sonar is not None and not sonar.at_once and config.graph.refinement.max_iterations:
         graph.push_back(graph_of(cloud_loops))
         joint = JointRefinement(sonar.echoes, sonar.turns, problem, config.graph.refinement)
         return graph, joint.run(graph, settled.values, progress)
@@ -308,17 +321,29 @@ def _keyframes(t: Array, values: Any, covariances: dict[int, Array]) -> Trajecto
     return keyframe_trajectory(t, states, [covariances[key] for key in keys])
 
 
+def _with_scans(
+    ready: Ready, echoes: Echoes | None
+) -> tuple[Ready, SonarData | None, tuple[ScanCalibration, ...]]:
+    """The sonar's scans, and the mission put right by what a scanner's tell."""
+    sonar = _sonar_data(ready.mission, echoes, ready.motion, ready.config)
+    found = calibrate_by_scans(ready.mission, sonar, ready.motion, ready.config)
+    if found is None or echoes is None:
+        return ready, sonar, ()
+    mission = found.corrected(ready.mission)
+    start, motion = start_and_motion(mission, ready.config)
+    sonar = _sonar_data(mission, echoes.shift(found.clock.offset_s), motion, ready.config)
+    return replace(ready, mission=mission, start=start, motion=motion), sonar, (found,)
+
+
 def _sonar_data(
     mission: Mission, echoes: Echoes | None, motion: VehicleMotion, config: Config
 ) -> SonarData | None:
     """Echoes, turns and scans; None without a sonar or without a single scan."""
-    turns = sonar_turns(mission, config.sonar)
+    planar = planar_of(motion)
+    turns = sonar_turns(mission, config.sonar, planar)
     if echoes is None or turns is None:
         return None
-    planar = PlanarMotion.of(
-        motion.trajectory, motion.position_variance_m2_s, motion.yaw_variance_rad2_s
-    )
-    return deskewed(echoes, turns, planar)
+    return deskewed(echoes, turns, planar, at_once=scans_at_once(mission))
 
 
 def _cloud_track(
@@ -326,7 +351,8 @@ def _cloud_track(
 ) -> tuple[CloudTrack | None, tuple[str, ...]]:
     """Odometry of the clouds, or why they are not used: the other sensors carry the estimate."""
     try:
-        return cloud_odometry(mission, config.kiss, progress), ()
+        track = cloud_odometry(mission, config.kiss, progress)
+        return track, track.warnings if track is not None else ()
     except (EstimationError, PackageError) as error:
         return None, (f"the clouds are not used: {error}",)
 

@@ -21,13 +21,21 @@ from gtsam_nav.graph.scan_matching import (
     SCAN_MATCH,
     PlanarPose,
     ScanMatch,
+    between,
     loop_candidates,
     match_scans,
     relative_pose,
 )
 from gtsam_nav.series import IntArray
 from gtsam_nav.solution import Progress
-from gtsam_nav.sonar.scans import Scan
+from gtsam_nav.sonar.preparation import SonarData
+from gtsam_nav.sonar.scans import Scan, planar_rotations
+
+RECENT_SCANS = 6
+"""Of a scanner whose scans are taken at once: so many together are what the next one is compared
+with."""
+RECENT_CELL_M = 0.1
+"""One of their points a cell is enough."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +75,7 @@ class _Running:
 
 def run_online(
     problem: Problem,
-    scans: list[Scan],
+    sonar: SonarData | None,
     scan_keyframe: IntArray,
     config: Config,
     progress: Progress,
@@ -77,13 +85,15 @@ def run_online(
 
     Parameters
     ----------
-    scans : list of Scan
+    sonar : SonarData or None
+        The loops of scans that are taken at once are left for later (`submap_loops`).
     scan_keyframe : ndarray of int
         Keyframe of each scan.
     faults : sequence of LoopFault
         False closures that come among the true ones.
     """
     done = _Running(Backend(problem))
+    scans, closes_loops = (sonar.scans, not sonar.at_once) if sonar else ([], False)
     poses: list[PlanarPose] = []
     step = config.graph.keyframes_per_update
     for begin in range(0, len(problem.t), step):
@@ -97,7 +107,7 @@ def run_online(
         for s in np.flatnonzero((scan_keyframe >= begin) & (scan_keyframe < end)).tolist():
             k = int(scan_keyframe[s])
             poses.append(planar_pose(done.states[k], done.covariances[k]))
-            _match_scan(done, s, scans, scan_keyframe, poses, config)
+            _match_scan(done, s, scans, scan_keyframe, poses, config, closes_loops)
             for fault in faults:
                 for false in fault.drawn(s, done.true_loops, ends=s == len(scans) - 1):
                     _take_in(done, false, scan_keyframe, config.graph.robust.loops)
@@ -113,25 +123,26 @@ def _match_scan(
     scan_keyframe: IntArray,
     poses: list[PlanarPose],
     config: Config,
+    closes_loops: bool,
 ) -> None:
     """Register a new scan to the one before and to what it may revisit."""
     robustness, least = config.graph.robust.loops, config.sonar.scans.min_points
     if len(scans[new]) < least:
         return
-    tried: list[tuple[int, PlanarPose, bool]] = []
+    tried: list[tuple[Scan, int, PlanarPose, bool]] = []
     if new and len(scans[new - 1]) >= least:
         a, b = (int(k) for k in scan_keyframe[new - 1 : new + 1])
-        tried.append((new - 1, done.backend.problem.planar_increment(a, b), False))
-    if _searches(new, len(scans), config.graph.loops.max_searches):
+        reference = scans[new - 1] if closes_loops else _recent(done, new - 1, scans, scan_keyframe)
+        tried.append((reference, new - 1, done.backend.problem.planar_increment(a, b), False))
+    if closes_loops and _searches(new, len(scans), config.graph.loops.max_searches):
         t_scans = np.array([scan.t_ref for scan in scans[: new + 1]])
         candidates = loop_candidates(new, poses, t_scans, config.graph.loops)
         candidates = [old for old in candidates if len(scans[old]) >= least]
         priors = _relative_poses(done.backend, candidates, new, scan_keyframe, poses[new])
-        tried += [(old, prior, True) for old, prior in zip(candidates, priors, strict=True)]
-    for old, prior, is_loop in tried:
-        found = match_scans(
-            old, new, scans, prior, config.pic, robustness.gate_probability, is_loop
-        )
+        tried += [(scans[old], old, q, True) for old, q in zip(candidates, priors, strict=True)]
+    for reference, old, prior, is_loop in tried:
+        pair = {old: reference, new: scans[new]}
+        found = match_scans(old, new, pair, prior, config.pic, robustness.gate_probability, is_loop)
         _take_in(done, found, scan_keyframe, robustness)
 
 
@@ -152,6 +163,22 @@ def _relative_poses(
         relative_pose(planar_pose(backend.peek(a), np.eye(9)), pose, cov)
         for a, cov in zip(keyframes, joint, strict=True)
     ]
+
+
+def _recent(done: _Running, last: int, scans: list[Scan], scan_keyframe: IntArray) -> Scan:
+    """The last scan with those before it, in its own frame: more than a scan sees of a place."""
+    members = range(last, max(last - RECENT_SCANS, -1), -1)
+    states = [done.backend.peek(int(scan_keyframe[s])) for s in members]
+    poses = np.array([[*state.position()[:2], state.attitude().yaw()] for state in states])
+    xy, cov = [], []
+    for s, pose in zip(members, poses, strict=True):
+        q = between(poses[0], pose)[0]
+        B = planar_rotations(q[2])
+        xy.append(q[:2] + scans[s].xy @ B.T)
+        cov.append(B @ scans[s].cov @ B.T)
+    points = np.concatenate(xy)
+    _, first = np.unique(np.floor(points / RECENT_CELL_M), axis=0, return_index=True)
+    return Scan(scans[last].t_ref, points[first], np.concatenate(cov)[first])
 
 
 def _take_in(

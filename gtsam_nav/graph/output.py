@@ -7,14 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from gtsam_nav.frames import (
-    Array,
-    quaternion_from_rotation,
-    rotation_from_rpy,
-)
-from gtsam_nav.graph import factors
+from gtsam_nav.frames import Array, quaternion_from_rotation
 from gtsam_nav.graph.backend import Covariances
-from gtsam_nav.graph.factors import B, X
+from gtsam_nav.graph.exported import match_weight
+from gtsam_nav.graph.factors import B
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.refinement import Refined
 from gtsam_nav.graph.robust import Robustness
@@ -22,7 +18,7 @@ from gtsam_nav.graph.scan_matching import LOOP, SCAN_MATCH, ScanMatch
 from gtsam_nav.graph.sensor_posterior import CALIBRATION, SensorPosterior, free_part
 from gtsam_nav.mission import Rejection
 from gtsam_nav.series import IntArray
-from gtsam_nav.solution import LandmarkEstimates, LoopClosure, PoseGraph, PoseGraphEdge, SlowStates
+from gtsam_nav.solution import LandmarkEstimates, LoopClosure, SlowStates
 from gtsam_nav.trajectory import Trajectory
 
 
@@ -136,7 +132,7 @@ def loop_closures(
     for m in matches:
         if not m.is_loop:
             continue
-        weight = _weight(m, scan_keyframe, values, robustness) if m.accepted else None
+        weight = match_weight(m, scan_keyframe, values, robustness) if m.accepted else None
         # a registration that never ran has nothing to report
         tried = 1.0 if m.match.iterations else np.nan
         q, sigma = tried * m.match.q, tried * np.sqrt(np.diag(m.match.cov))
@@ -172,42 +168,3 @@ def match_rejections(matches: list[ScanMatch], t_scans: Array) -> tuple[Rejectio
         for m in matches
         if m.normalised_residual is not None
     )
-
-
-def _weight(m: ScanMatch, scan_keyframe: IntArray, values: Any, robustness: Robustness) -> float:
-    a, b = (X(int(scan_keyframe[s])) for s in (m.a, m.b))
-    whitened = factors.planar_match(a, b, m.match.q, m.match.cov).whitenedError(values)
-    return factors.weight(robustness, float(np.linalg.norm(whitened)))
-
-
-def pose_graph(
-    problem: Problem,
-    keyframes: Trajectory,
-    matches: list[ScanMatch],
-    scan_keyframe: IntArray,
-    loops: tuple[PoseGraphEdge, ...] = (),
-) -> PoseGraph:
-    """Keyframes, the motion between them, the accepted scan matches and other loops, for export."""
-    edges = []
-    for k in range(1, len(problem.t)):
-        dt = float(problem.t[k] - problem.t[k - 1])
-        R_ab, p_a = problem.increment(k - 1, k)
-        yaw_variance = problem.motion.yaw_variance_rad2_s * dt
-        position_variance = float(
-            problem.motion.displacement_variance(problem.t[k - 1], problem.t[k])
-        )
-        information = np.diag(1.0 / np.array([yaw_variance] * 3 + [position_variance] * 3))
-        edges.append(PoseGraphEdge(k - 1, k, R_ab, p_a, information))
-    edges += [_match_edge(m, scan_keyframe) for m in matches if m.accepted]
-    edges += loops
-    return PoseGraph(keyframes.t, keyframes.p_n, keyframes.q_nb_wxyz, tuple(edges))
-
-
-def _match_edge(m: ScanMatch, scan_keyframe: IntArray) -> PoseGraphEdge:
-    """A planar match as a spatial edge; what it does not know gets a vanishing information."""
-    information = 1e-6 * np.eye(6)
-    planar = [3, 4, 2]
-    information[np.ix_(planar, planar)] = np.linalg.inv(m.match.cov)
-    a, b = int(scan_keyframe[m.a]), int(scan_keyframe[m.b])
-    R_ab = rotation_from_rpy([0.0, 0.0, m.match.q[2]])
-    return PoseGraphEdge(a, b, R_ab, np.array([m.match.q[0], m.match.q[1], 0.0]), information)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -98,7 +99,7 @@ def _spread_in_time(order: np.ndarray, t_scans: Array, settings: LoopSettings) -
 def match_scans(
     a: int,
     b: int,
-    scans: list[Scan],
+    scans: Sequence[Scan] | Mapping[int, Scan],
     prior: PlanarPose,
     settings: PicSettings,
     gate_probability: float | None,

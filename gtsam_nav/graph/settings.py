@@ -60,6 +60,27 @@ class CloudLoopSettings(Settings):
     max_candidates: int = Field(default=1, ge=1)
 
 
+class SubmapLoopSettings(Settings):
+    """Loops of a scanner whose scans are taken at once: between submaps, the scans of a stretch.
+
+    Attributes
+    ----------
+    reach_m : float
+        A submap holds the scans so far along the track to either side of its own.
+    spacing_m : float
+        Along the track, from one submap to the next.
+    radius_m : float
+        Submaps whose estimated distance, less two standard deviations, is smaller are candidates.
+    max_candidates : int
+        Nearest passages that a submap is registered to.
+    """
+
+    reach_m: float = Field(default=8.0, gt=0)
+    spacing_m: float = Field(default=3.0, gt=0)
+    radius_m: float = Field(default=3.0, gt=0)
+    max_candidates: int = Field(default=4, ge=1)
+
+
 class RefinementSettings(Settings):
     """Joint registration of all echoes, each at its own beam's time.
 
@@ -124,5 +145,6 @@ class GraphSettings(Settings):
     keyframes_per_update: int = Field(default=3, ge=1)
     robust: RobustSettings = RobustSettings()
     loops: LoopSettings = LoopSettings()
+    submap_loops: SubmapLoopSettings = SubmapLoopSettings()
     cloud_loops: CloudLoopSettings = CloudLoopSettings()
     refinement: RefinementSettings = RefinementSettings()

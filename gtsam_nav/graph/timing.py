@@ -23,6 +23,7 @@ from gtsam_nav.graph.problem import Problem, Reading, TimingEffect
 from gtsam_nav.graph.sensor_posterior import tangent_width
 from gtsam_nav.mission import Mission
 from gtsam_nav.sensors.noise import GnssNoise
+from gtsam_nav.sonar.preparation import scans_at_once
 
 TIMELESS = ("imu", "start", constraints.NAME)
 """Factors that no other sensor's time enters."""
@@ -89,7 +90,10 @@ def timing_errors(mission: Mission) -> tuple[TimingError, ...]:
     """Those that the mission asks to estimate, sensor by sensor, with samples or without."""
     found = []
     for name, sensor in mission.sensors.items():
-        if sensor.time_offset_sigma_s > 0:
+        # what is scanned at once finds its own (`scan_calibration`)
+        if sensor.time_offset_sigma_s > 0 and not (
+            sensor.type == "scans" and scans_at_once(mission)
+        ):
             sigma_s = sensor.time_offset_sigma_s
             found.append(TimingError(name, sensor.type, "time_offset", sigma_s))
         if sensor.type == "gnss" and getattr(sensor.series, "v_n", None) is not None:

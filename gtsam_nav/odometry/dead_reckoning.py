@@ -47,7 +47,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         mission=mission,
         georeferenced=start.georeferenced and start.heading_known,
         rejections=(*mission.rejections, *track.rejections),
-        warnings=(*mission.warnings, *warnings),
+        warnings=(*mission.warnings, *track.warnings, *warnings),
         sonar_map=points,
         n_keyframes=len(track.key),
         stage_s=clock.seconds,

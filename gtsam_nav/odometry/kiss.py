@@ -6,16 +6,19 @@ point, and registered to a local map. Two things are added. Between the rings of
 point-to-point pairs hold a pose back, so it is then moved onto the planes of that map
 (`registration.surfaces`), which also tell how well it is known. And in waves the velocity of the
 sweep before is the wrong one, so the sweep is deskewed once more with the motion just found.
-The first sweep knows of no motion at all: a track that begins under way begins badly.
+The first sweep knows of no motion: it is registered with the second until their motion is known.
 """
 
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from gtsam_nav.errors import EstimationError
 from gtsam_nav.frames import Array, skew
@@ -34,6 +37,8 @@ log = logging.getLogger(__name__)
 MAX_ITERATIONS, CONVERGED = 20, 1e-3
 """Of the point-to-point registration, which need not settle; the latter in m and rad."""
 LEAST_POINTS = 50
+FIRST_ROUNDS = 3
+"""Registrations of the first two clouds from which the odometry sets out."""
 SUBMAP_REACH = 2
 """Kept clouds on either side of one that make a submap with it."""
 UNKNOWN_SIGMA = np.array([0.1] * 3 + [1.0] * 3)
@@ -74,6 +79,8 @@ class CloudTrack:
     key : list of KeyCloud
     rejections : tuple of Rejection
         Clouds that were too small.
+    warnings : tuple of str
+        What else there is to say of the clouds.
     """
 
     sensor: str
@@ -82,6 +89,7 @@ class CloudTrack:
     p_o: Array
     key: list[KeyCloud]
     rejections: tuple[Rejection, ...]
+    warnings: tuple[str, ...] = ()
 
     def increment(self, i: int, j: int) -> RelativePose:
         """Pose of kept cloud j in kept cloud i.
@@ -122,6 +130,10 @@ class KissOdometry:
         self._floor = np.diag(floor**2)
         self._kiss = kiss_icp(purpose, "kiss_icp").KissICP(config)
 
+    def expect(self, motion: Array) -> None:
+        """Say how the vehicle moves from one cloud to the next, shape (4, 4), before the first."""
+        self._kiss.last_delta = motion
+
     def place(self, points_b: Array, offset_s: ArrayLike | None) -> tuple[RelativePose, Array]:
         """Place the next cloud.
 
@@ -130,7 +142,7 @@ class KissOdometry:
         points_b : ndarray, shape (k, 3)
             In body axes at their own times, m.
         offset_s : ndarray, shape (k,), or None
-            Their times; None is a cloud that needs no deskewing.
+            Their times; None, or all the same, is a cloud that needs no deskewing.
 
         Returns
         -------
@@ -139,9 +151,18 @@ class KissOdometry:
             that of the cloud in its local map.
         ndarray, shape (m, 3)
             The cloud, deskewed and thinned.
+
+        Raises
+        ------
+        ValueError
+            Where a point or a time is not finite.
         """
         kiss, voxel_m = self._kiss, self.settings.voxel_m
         offsets = np.empty(0) if offset_s is None else np.asarray(offset_s, dtype=float)
+        if not (np.all(np.isfinite(points_b)) and np.all(np.isfinite(offsets))):
+            raise ValueError("a point or its time is not finite: KISS-ICP would end the process")
+        if _is_one_time(offsets):  # KISS-ICP divides by their span
+            offsets = np.empty(0)
         coarse, thinned = self._deskewed(points_b, offsets, kiss.last_delta)
         local_map = np.asarray(kiss.local_map.point_cloud())
         if len(local_map) < LEAST_POINTS:  # the first cloud defines the frame
@@ -196,23 +217,14 @@ def cloud_odometry(
     series = sensor.series
     assert isinstance(series, CloudSeries)
     odometry = KissOdometry(settings)
+    odometry.expect(_first_motion(sensor, settings))
     t: list[float] = []
     poses: list[RelativePose] = []
     key: list[KeyCloud] = []
     rejections: list[Rejection] = []
-    for k, source in enumerate(series.clouds):
-        cloud = load(source)
-        if len(cloud) < LEAST_POINTS:
-            reason = f"a cloud of fewer than {LEAST_POINTS} points"
-            rejections.append(
-                Rejection(float(series.t[k]), sensor.name, int(series.row[k]), reason)
-            )
-            continue
-        taken = float(series.t[k]) + _last_offset(cloud)
-        if t and taken <= t[-1]:
-            reason = "a cloud that ends before the one before it"
-            rejections.append(Rejection(taken, sensor.name, int(series.row[k]), reason))
-            continue
+    n_timeless = 0
+    for k, taken, cloud in _usable(sensor, rejections):
+        n_timeless += cloud.offset_s is not None and _is_one_time(cloud.offset_s)
         keep = not key or taken - key[-1].t >= settings.keyframe_interval_s
         pose, thinned = odometry.place(_in_body(cloud, sensor), cloud.offset_s)
         t.append(taken)
@@ -229,7 +241,59 @@ def cloud_odometry(
         p_o=np.array([pose.p_a for pose in poses]),
         key=key,
         rejections=tuple(rejections),
+        warnings=_on_times(sensor.name, n_timeless),
     )
+
+
+def _is_one_time(offset_s: NDArray[np.floating[Any]]) -> bool:
+    return bool(len(offset_s)) and float(np.max(offset_s)) <= float(np.min(offset_s))
+
+
+def _on_times(sensor_name: str, n_timeless: int) -> tuple[str, ...]:
+    """What is said of clouds whose points all claim the same time."""
+    if not n_timeless:
+        return ()
+    return (
+        f"sensor '{sensor_name}': the times of the points tell nothing in {n_timeless} clouds (all"
+        " the same): nothing takes the motion out of these",
+    )
+
+
+def _usable(sensor: Sensor, rejections: list[Rejection]) -> Iterator[tuple[int, float, Cloud]]:
+    """Index, time of the last point and points of each cloud that is used; why others are not."""
+    series = sensor.series
+    assert isinstance(series, CloudSeries)
+    last = -np.inf
+    for k, source in enumerate(series.clouds):
+        cloud = load(source)
+        if len(cloud) < LEAST_POINTS:
+            reason, taken = f"a cloud of fewer than {LEAST_POINTS} points", float(series.t[k])
+        else:
+            reason, taken = "", float(series.t[k]) + _last_offset(cloud)
+            if taken <= last:
+                reason = "a cloud that ends before the one before it"
+        if reason:
+            rejections.append(Rejection(taken, sensor.name, int(series.row[k]), reason))
+            continue
+        last = taken
+        yield k, taken, cloud
+
+
+def _first_motion(sensor: Sensor, settings: KissSettings) -> Array:
+    """From the first cloud to the second, shape (4, 4): a vehicle need not begin at rest.
+
+    The first cloud is not deskewed before the motion is known, and bends what is found of it: the
+    pair is registered again with each motion found.
+    """
+    motion = np.eye(4)
+    pair = [cloud for _, _, cloud in islice(_usable(sensor, []), 2)]
+    for _ in range(FIRST_ROUNDS):
+        odometry = KissOdometry(settings)
+        odometry.expect(motion)
+        for cloud in pair:
+            pose, _ = odometry.place(_in_body(cloud, sensor), cloud.offset_s)
+            motion = homogeneous(pose.R_ab, pose.p_a)
+    return motion
 
 
 def _last_offset(cloud: Cloud) -> float:

@@ -16,6 +16,7 @@ from gtsam_nav.frames import Array, quaternion_from_rpy, rotation_from_rpy
 from gtsam_nav.mission import Mission, Rejection
 from gtsam_nav.preprocess.alignment import Alignment
 from gtsam_nav.preprocess.settings import MotionSettings
+from gtsam_nav.preprocess.turning import unmeasured_yaw_variance_rad2_s
 from gtsam_nav.sensors.dvl import BodyVelocities, body_velocities
 from gtsam_nav.sensors.noise import ImuNoise
 from gtsam_nav.sensors.orientation import headings_true, tilt_at
@@ -287,7 +288,7 @@ def _yaw(
     headings = headings_true(mission)
     imu = mission.first("imu")
     bias_b = np.zeros(3)
-    turned, rate_variance = _turned(mission, t)
+    turned, rate_variance = _turned(mission, t, settings)
     if headings is None or len(headings) < 2:
         return start.rpy[2] + turned, rate_variance, bias_b
     if imu is None:
@@ -302,7 +303,7 @@ def _yaw(
     return yaw, noise.gyro_noise_density_rad_s_sqrt_hz**2, bias_b
 
 
-def _turned(mission: Mission, t: Array) -> tuple[Array, float]:
+def _turned(mission: Mission, t: Array, settings: MotionSettings) -> tuple[Array, float]:
     """Integral of the yaw rate over the grid, and the growth of its variance.
 
     Where the rate falls silent the compass, if there is one, says how far the vehicle turned.
@@ -318,7 +319,7 @@ def _turned(mission: Mission, t: Array) -> tuple[Array, float]:
         step_s = float(np.median(np.diff(t_rate))) if len(t_rate) > 1 else 1.0
         variance = float(np.median(odometry.series.sigma_yaw_rate**2)) * step_s
     else:
-        return np.zeros(len(t)), float(np.radians(1.0) ** 2)
+        return np.zeros(len(t)), unmeasured_yaw_variance_rad2_s(settings)
     t_rate = np.concatenate([[min(t[0], t_rate[0])], t_rate, [max(t[-1], t_rate[-1])]])
     rate = np.concatenate([rate[:1], rate, rate[-1:]])
     steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(t_rate)

@@ -8,12 +8,13 @@ YAML file with a section ``mission``, and lists its streams by ``describe(path, 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, cast, runtime_checkable
 
 from gtsam_nav.errors import ConfigError, DataError
-from gtsam_nav.mission import Mission
+from gtsam_nav.mission import Mission, Opening
 from gtsam_nav.solution import Progress, no_progress
 
 if TYPE_CHECKING:
@@ -84,24 +85,31 @@ def open_mission(
     progress : Progress, optional
         Called as the reading goes on.
     card : Path or str, optional
-        A file whose section ``mission`` says what the streams of a bag are.
+        A file whose section ``mission`` says what the streams of a bag are, or how the sensors of
+        a mission in a single file are mounted.
 
     Raises
     ------
     DataError
         Where no reader knows the path, or a file is missing or damaged.
     ConfigError
-        Where a card is given for a format that describes itself.
+        Where a card is given for a folder that describes itself.
     """
     reader, place = _located(Path(path))
     if card is None:
-        return reader.read(place, progress)
-    if not isinstance(reader, DescribingReader):
-        takers = ", ".join(r.NAME for r in readers() if isinstance(r, DescribingReader))
-        raise ConfigError(
-            f"{card}: the section 'mission' is for a {takers}; {place} is a {reader.NAME}"
-        )
-    return reader.read(place, progress, Path(card))
+        return replace(reader.read(place, progress), opening=Opening(place.absolute()))
+    opening = Opening(place.absolute(), Path(card).absolute())
+    if isinstance(reader, DescribingReader):
+        return replace(reader.read(place, progress, Path(card)), opening=opening)
+    if place.is_file():
+        from gtsam_nav.readers._file_card import with_card
+
+        return replace(with_card(reader.read(place, progress), Path(card)), opening=opening)
+    takers = ", ".join(r.NAME for r in readers() if isinstance(r, DescribingReader))
+    raise ConfigError(
+        f"{card}: the section 'mission' is for a {takers} and for single files; {place} is a"
+        f" {reader.NAME}"
+    )
 
 
 def describe(path: Path | str, card: Path | str | None = None) -> Contents | None:
@@ -129,15 +137,43 @@ def _located(place: Path) -> tuple[Reader, Path]:
         return reader, place
     if not place.exists():
         raise DataError("no such file or folder", place)
-    entries = sorted(place.iterdir())[:MOST_ENTRIES] if place.is_dir() else []
-    inside = [(known, entry) for entry in entries if (known := _reader_of(entry)) is not None]
+    inside = _inside(place)
     if len(inside) == 1:
         return inside[0]
     if inside:
-        names = ", ".join(entry.name for _, entry in inside)
+        names = ", ".join(str(entry.relative_to(place)) for _, entry in inside)
         raise DataError(f"holds {len(inside)} missions; name one of: {names}", place)
+    if _is_trajectory(place):
+        raise DataError(
+            "a trajectory and no mission: 'gtsam-nav evaluate TRAJECTORY REFERENCE' scores it,"
+            " 'gtsam-nav run' estimates one from a mission",
+            place,
+        )
     expected = "; ".join(f"{reader.NAME}: {reader.EXPECTS}" for reader in readers())
     raise DataError(f"not a mission that any reader knows. They expect: {expected}", place)
+
+
+def _inside(place: Path, depth: int = 2) -> list[tuple[Reader, Path]]:
+    """The missions in a folder: its entries, and what lies in those that are none themselves."""
+    found: list[tuple[Reader, Path]] = []
+    for entry in sorted(place.iterdir())[:MOST_ENTRIES] if place.is_dir() else []:
+        reader = _reader_of(entry)
+        if reader is not None:
+            found.append((reader, entry))
+        elif depth > 1:
+            found += _inside(entry, depth - 1)
+    return found
+
+
+def _is_trajectory(place: Path) -> bool:
+    """Whether a file holds the eight or twelve numbers a line of TUM or KITTI."""
+    from gtsam_nav.readers._text import first_lines
+
+    rows = [line.split() for line in first_lines(place, 20) if not line.startswith("#")]
+    try:
+        return bool(rows) and all(len([float(x) for x in row]) in (8, 12) for row in rows if row)
+    except ValueError:
+        return False
 
 
 def _reader_of(place: Path) -> Reader | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
@@ -122,6 +121,5 @@ def _warnings_of(sensors: Iterable[Sensor]) -> list[str]:
 
 
 def _why_not(mission: Mission) -> str:
-    reasons = Counter((r.sensor, r.reason) for r in mission.rejections)
-    dropped = [f"{sensor}: {n} x {reason}" for (sensor, reason), n in sorted(reasons.items())]
+    dropped = [f"{sensor}: {n} x {reason}" for (sensor, reason), n in mission.dropped.items()]
     return " ".join([*mission.warnings, "Dropped:", "; ".join(dropped) or "nothing"])

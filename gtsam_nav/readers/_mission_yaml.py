@@ -7,7 +7,14 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BeforeValidator, Field, FiniteFloat, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    FiniteFloat,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from gtsam_nav.cards import (
     Described,
@@ -117,6 +124,14 @@ class SensorEntry(SensorCard):
     vertical_usable: bool = True
     columns: dict[str, str] = Field(default_factory=dict)
     scale: dict[str, FiniteFloat] = Field(default_factory=dict)
+
+    @field_validator("columns", "scale", mode="before")
+    @classmethod
+    def _is_a_map_of_columns(cls, given: Any, info: ValidationInfo) -> Any:
+        if not isinstance(given, dict):
+            example = "{t: stamp_ns}" if info.field_name == "columns" else "{t: 1.0e-9}"
+            raise ValueError(f"is a map by the columns' names, as in {example}, not '{given}'")
+        return given
 
     @model_validator(mode="after")
     def _columns_are_known(self) -> SensorEntry:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Sequence
@@ -19,7 +20,9 @@ from gtsam_nav.readers._text import MAX_BYTES
 from gtsam_nav.series import BeamSeries, ScanSeries
 
 # what zipfile and NumPy raise on damaged archives and headers
-_FAULTS = (
+NUMPY_FAULTS = (
+    tokenize.TokenError,
+    RecursionError,
     OSError,
     ValueError,
     TypeError,
@@ -100,7 +103,7 @@ def _read_arrays(path: Path, names: Sequence[str]) -> dict[str, NDArray[Any]]:
             loaded = {name: np.asarray(arrays[name]) for name in names}
     except FileNotFoundError as error:
         raise DataError("no such file", path) from error
-    except _FAULTS as error:
+    except NUMPY_FAULTS as error:
         raise DataError(f"not a readable .npz archive: {error}", path) from error
     for name, values in loaded.items():
         if values.dtype.kind not in "fiub":

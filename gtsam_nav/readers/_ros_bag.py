@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -18,6 +18,7 @@ import numpy as np
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, rotation_from_quaternion
+from gtsam_nav.readers._ros_archives import bound_chunks
 from gtsam_nav.readers._ros_definitions import DEFINITIONS
 
 if TYPE_CHECKING:
@@ -29,6 +30,7 @@ ROS1, STORAGES = ".bag", (".db3", ".mcap")
 TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 HEADER = "std_msgs/msg/Header"
 
+MAGIC = {".bag": b"#ROSBAG V", ".db3": b"SQLite format 3", ".mcap": b"\x89MCAP0"}
 REPAIR = (
     "a bag that was cut off or never closed can be repaired with 'rosbag reindex' (ROS 1),"
     " 'ros2 bag reindex' or 'mcap recover'"
@@ -111,13 +113,14 @@ class Clock:
 
 
 class Bag:
-    """An open bag. Times are seconds since ``zero_s``, a whole POSIX second."""
+    """An open bag of ``duration_s``. Times are seconds since ``zero_s``, a whole POSIX second."""
 
     def __init__(self, reader: AnyReader, paths: tuple[Path, ...]) -> None:
         self.paths = paths
         self._reader = reader
         self.topics = {topic.name: topic for topic in self._topics()}
         self.zero_s = reader.start_time // 10**9 if reader.message_count else 0
+        self.duration_s = reader.duration * 1e-9 if reader.message_count else 0.0
 
     def _topics(self) -> Iterator[Topic]:
         known: Mapping[str, Any] = self._reader.typestore.fielddefs
@@ -131,9 +134,13 @@ class Bag:
             yield Topic(name, kind, count, kind in known, stamped, tuple(connections))
 
     @property
-    def duration_s(self) -> float:
-        """From the first to the last message, s."""
-        return self._reader.duration * 1e-9 if self._reader.message_count else 0.0
+    def spans_ns(self) -> list[tuple[int, int, str]]:
+        """Start, end and name of each file that holds messages, in the order of their starts."""
+        return sorted(
+            (part.start_time, part.end_time, Path(str(part.path)).name)
+            for part in self._reader.readers
+            if part.message_count
+        )
 
     @property
     def is_posix(self) -> bool:
@@ -244,6 +251,18 @@ def bag_paths(path: Path) -> tuple[Path, ...]:
     return ros1 or tuple(p for p in files if p.suffix in STORAGES)
 
 
+def _remedy(paths: tuple[Path, ...]) -> str:
+    """What helps with a bag that does not open."""
+    files = [f for path in paths for f in (path.iterdir() if path.is_dir() else [path])]
+    for path in sorted(f for f in files if f.suffix in MAGIC):
+        magic = MAGIC[path.suffix]
+        with suppress(OSError), path.open("rb") as stream:
+            begin = stream.read(len(magic))
+            if begin != magic:
+                return f"; {path.name} " + ("does not begin like one" if begin else "is empty")
+    return f"; {REPAIR}"
+
+
 @contextmanager
 def open_bag(path: Path) -> Iterator[Bag]:
     """Open a bag, or the files of one.
@@ -256,21 +275,20 @@ def open_bag(path: Path) -> Iterator[Bag]:
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+    bound_chunks()
     ours: dict[str, Any] = {}
     for name, text in DEFINITIONS.items():
         ours |= get_types_from_msg("\n".join(line.strip() for line in text.splitlines()), name)
     standard = get_typestore(Stores.ROS2_HUMBLE)
     paths = bag_paths(path)
-    try:
-        reader = AnyReader(paths, default_typestore=standard)
-        reader.open()
-    except Exception as error:  # rosbags raises whatever the damage leads to
-        reason = " ".join(str(error).split())[:300] or type(error).__name__
-        raise DataError(f"the bag cannot be opened: {reason}; {REPAIR}", path) from error
-    try:
-        known = reader.typestore.fielddefs
-        spare = {**standard.fielddefs, **ours}
-        reader.typestore.register({k: v for k, v in spare.items() if k not in known})
-        yield Bag(reader, paths)
-    finally:
-        reader.close()
+    with ExitStack() as stack:
+        try:
+            reader = stack.enter_context(AnyReader(paths, default_typestore=standard))
+            known = reader.typestore.fielddefs
+            spare = {**standard.fielddefs, **ours}
+            reader.typestore.register({k: v for k, v in spare.items() if k not in known})
+            bag = Bag(reader, paths)
+        except Exception as error:  # rosbags raises whatever the damage leads to
+            reason = " ".join(str(error).split())[:300] or type(error).__name__
+            raise DataError(f"the bag cannot be opened: {reason}{_remedy(paths)}", path) from error
+        yield bag

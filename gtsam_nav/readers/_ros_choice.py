@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from itertools import islice
+from pathlib import Path
 from typing import Any
 
 from gtsam_nav.errors import DataError
@@ -64,13 +65,33 @@ def _choice(bag: Bag, name: str, entry: BagSensor) -> Choice:
         )
     for dialect in dialects_of(topic.type):
         if dialect.sensor == entry.type:
-            return Choice(name, topic, dialect, entry)
+            choice = Choice(name, topic, dialect, entry)
+            _check_card(choice, path)
+            return choice
     kinds = ", ".join(dict.fromkeys(d.sensor for d in dialects_of(topic.type)))
     raise DataError(
         f"sensor '{name}': '{topic.name}' of type {topic.type} cannot be read as {entry.type};"
         f" the choices are: {kinds or 'none'}",
         path,
     )
+
+
+def _check_card(choice: Choice, path: Path) -> None:
+    """Raise a DataError where the card lacks what the topic needs, or asks for what it has not."""
+    topic, entry = choice.topic, choice.entry
+    missing = [key for key in choice.dialect.keys if key not in entry.model_fields_set]
+    if missing:
+        raise DataError(
+            f"sensor '{choice.name}': '{topic.name}' holds bare numbers ({topic.type}), and the"
+            f" card lacks {' and '.join(missing)}: {entry.type} = scale * number + offset_m",
+            path,
+        )
+    if entry.stamp == "header" and not topic.stamped:
+        raise DataError(
+            f"sensor '{choice.name}': stamp: header, but the messages of '{topic.name}' have no"
+            " header; the choices are: log",
+            path,
+        )
 
 
 def _only_choice(bag: Bag, name: str, entry: BagSensor) -> Choice:

@@ -50,7 +50,9 @@ class Dialect:
     turned : bool
         Whether the message's axes are ROS's, which ``convert`` turned.
     needs : str
-        What a card must state for it, for the listing.
+        What it takes, for the listing.
+    keys : tuple of str
+        What a card must state for it.
     """
 
     messages: tuple[str, ...]
@@ -60,6 +62,7 @@ class Dialect:
     default: bool = True
     turned: bool = True
     needs: str = ""
+    keys: tuple[str, ...] = ()
 
     def reads(self, message_type: str) -> bool:
         """Whether messages of a type are read so."""
@@ -153,6 +156,7 @@ DIALECTS: tuple[Dialect, ...] = (
         messages.number,
         default=False,
         needs="scale and offset_m",
+        keys=("scale", "offset_m"),
     ),
     Dialect(
         ("dvl_msgs/DVL", "waterlinked_a50_ros_driver/DVL"), "dvl", marine.waterlinked, turned=False

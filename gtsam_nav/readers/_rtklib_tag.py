@@ -14,7 +14,7 @@ import numpy as np
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array
-from gtsam_nav.readers._text import read_chunks
+from gtsam_nav.readers._text import read_bytes
 
 MAGIC = b"TIMETAG RTKLIB"
 HEADER_BYTES = 60
@@ -68,7 +68,7 @@ def read_time_tag(path: Path) -> TimeTag:
     DataError
         Where the file is no time tag or holds no two ticks.
     """
-    data = b"".join(chunk for chunk, _ in read_chunks(path))
+    data = read_bytes(path)
     if not data.startswith(MAGIC):
         raise DataError(f"is no time tag of RTKLIB: it does not begin with {MAGIC.decode()}", path)
     n_pairs = (len(data) - HEADER_BYTES - START.itemsize) // PAIR.itemsize

@@ -128,6 +128,11 @@ def _bunzip(pieces: Iterable[bytes], path: Path) -> Iterator[bytes]:
         raise DataError("the bzip2 archive is cut off", path)
 
 
+def read_bytes(path: Path) -> bytes:
+    """The whole contents of a file; raises as `read_chunks` does."""
+    return b"".join(chunk for chunk, _ in read_chunks(path))
+
+
 def first_lines(path: Path, count: int) -> list[str]:
     """The first lines of a file, to know it by; none where it cannot be read. Never raises."""
     try:
@@ -157,7 +162,7 @@ def stream_lines(path: Path) -> Iterator[tuple[str, float]]:
 def read_lines(path: Path, encoding: str = "utf-8-sig") -> list[str]:
     """The lines of a text file; the last is empty where the file ends with a line break."""
     try:
-        text = b"".join(chunk for chunk, _ in read_chunks(path)).decode(encoding)
+        text = read_bytes(path).decode(encoding)
     except UnicodeDecodeError as error:
         raise DataError(f"is not {encoding.removesuffix('-sig')} text: {error}", path) from error
     return text.replace("\r\n", "\n").split("\n")
@@ -222,6 +227,30 @@ def parse_rows(
         head = np.full((1, len(names)), np.nan)
         return Rows(np.concatenate([head, rows.values]), rows.cut_stamp, begins_cut=True)
     return rows
+
+
+def number_columns(
+    lines: Sequence[str], n_rows: int, names: Sequence[str], path: Path
+) -> dict[str, Array]:
+    """The first rows of a table of numbers by column, each of shape (n_rows,).
+
+    Raises
+    ------
+    DataError
+        Where there are fewer rows, or others.
+    """
+    rows = [line for line in lines[: 2 * n_rows + 10] if line.strip()][:n_rows]
+    if not rows and n_rows == 0:
+        return dict.fromkeys(names, np.empty(0))
+    try:
+        values: Array = np.loadtxt(rows, comments=None, ndmin=2)
+    except ValueError as error:
+        raise DataError(f"holds a point that is not of numbers: {error}", path) from error
+    if values.shape != (n_rows, len(names)):
+        raise DataError(
+            f"holds {len(rows)} points of {n_rows}, or others than {', '.join(names)[:200]}", path
+        )
+    return dict(zip(names, values.T, strict=True))
 
 
 def _begins_cut(lines: Sequence[str], fields: Sequence[Field], delimiter: str | None) -> bool:

@@ -8,15 +8,16 @@ PARAM   ``robot_frontlaser_offset`` is the laser's place ahead of the robot's ce
         ``robot_front_laser_max`` the range that stands for no echo
 ======  ========================================================================================
 
-Stamps are ``ipc_t``. Speeds are those between successive odometry poses: many robots leave tv and
-rv at zero.
+Stamps are ``ipc_t``: when a message came in, which for a scan is some time after it was taken.
+Speeds are those between successive odometry poses: many robots leave tv and rv at zero. Surveyed
+relations in a file ``NAME.relations`` beside the log are its ground truth.
 """
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,7 @@ from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.preprocess.cleaning import screen, tidy
+from gtsam_nav.readers._carmen_relations import ENDING, read_relations
 from gtsam_nav.readers._clock import on_mission_time
 from gtsam_nav.readers._odometry import speeds_between
 from gtsam_nav.readers._text import TRUNCATED, first_lines, stream_lines
@@ -41,6 +43,10 @@ LINE = re.compile(r"(FLASER \d+( [\d.]+){2}|ODOM( -?[\d.eE+-]+){6} )")
 NO_ECHO_M = 50.0
 """Ranges from here on are none, whatever the log's own limit."""
 FIELD_OF_VIEW_RAD = np.pi
+LASER_NOISE = {"sigma_range_m": 0.03, "sigma_bearing_deg": 0.5}
+"""Of the lasers that such robots carry: ranges in steps of some centimetres, half a beam."""
+LATE_S = 0.1
+"""By which scans are stamped late, or thereabouts: the graph finds it."""
 POSIX_S = 1e8
 """Stamps beyond are seconds since 1970."""
 MALFORMED = "malformed line"
@@ -73,7 +79,9 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
     if odometry is not None:
         sensors["odometry"] = Sensor("odometry", "odometry", odometry)
     if scans is not None:
-        sensors["scans"] = Sensor("scans", "scans", scans)
+        sensors["scans"] = Sensor(
+            "scans", "scans", scans, noise=LASER_NOISE, time_offset_sigma_s=LATE_S
+        )
     if not sensors:
         raise DataError("no whole FLASER line, and no two poses to tell a speed", path)
     first = next(iter(sensors.values())).series.t[0]
@@ -85,7 +93,27 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
         warnings=tuple(log.warnings()),
         sources=(path,),
     )
-    return on_mission_time(mission, {"odometry": 0.0, "scans": 0.0})
+    mission = on_mission_time(mission, {"odometry": 0.0, "scans": 0.0})
+    return mission if scans is None else _with_relations(mission, path, scans)
+
+
+def _with_relations(mission: Mission, path: Path, scans: ScanSeries) -> Mission:
+    """The mission with the relations that lie beside a log, whose scans still have its stamps."""
+    beside = path.with_name(mission.name + ENDING)
+    left = mission.first("scans")
+    if left is None or not beside.is_file():
+        return mission
+    series = left.series
+    zero = scans.t[scans.row == series.row[0]][0] - series.t[0]
+    relations, warning = read_relations(beside, left.name, series.t + zero)
+    if relations is not None:
+        relations = replace(relations, t=relations.t - zero)
+    return replace(
+        mission,
+        relations=relations,
+        warnings=(*mission.warnings, *([warning] if warning else [])),
+        sources=(*mission.sources, beside),
+    )
 
 
 @dataclass

@@ -1,11 +1,12 @@
-"""3-D point clouds from files: .npy by NumPy, .ply and .pcd by Open3D.
+"""3-D point clouds from files: .npy, .ply and .pcd.
 
 A .npy holds (k, 3) or (k, 4) numbers: x, y, z in the sensor's axes and, as the fourth, the time of
-each point after the cloud's stamp, s. In .ply and .pcd these times are the property ``t`` (float).
+each point after the cloud's stamp, s. In .ply and .pcd these times are the property ``t``.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gtsam_nav.errors import DataError
-from gtsam_nav.registration.packages import open3d
+from gtsam_nav.frames import Array
+from gtsam_nav.readers._npz import NUMPY_FAULTS
+from gtsam_nav.readers._pcd import read_pcd
+from gtsam_nav.readers._ply import read_ply
 from gtsam_nav.series import Cloud, StoredCloud
 
 SUFFIXES = (".npy", ".ply", ".pcd")
@@ -34,14 +38,13 @@ def read_cloud(path: Path) -> Cloud:
     ------
     DataError
         Where the file is damaged, or of another kind.
-    PackageError
-        Where it is a .ply or .pcd and Open3D does not import.
     """
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise DataError(f"a cloud is one of: {', '.join(SUFFIXES)}", path)
-    table = _read_npy(path) if suffix == ".npy" else _read_by_open3d(path)
-    return cloud_of(table)
+    if suffix == ".npy":
+        return cloud_of(_read_npy(path))
+    return cloud_of(_table(read_ply(path) if suffix == ".ply" else read_pcd(path), path))
 
 
 def cloud_of(table: NDArray[np.floating[Any]]) -> Cloud:
@@ -60,7 +63,7 @@ def cloud_table(cloud: Cloud) -> NDArray[np.floating[Any]]:
 def _read_npy(path: Path) -> NDArray[np.floating[Any]]:
     try:
         table = np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError, SyntaxError) as error:
+    except NUMPY_FAULTS as error:
         raise DataError(f"cannot read the cloud: {' '.join(str(error).split())}", path) from error
     if not isinstance(table, np.ndarray) or table.dtype.kind != "f":
         raise DataError("a cloud holds floating-point numbers", path)
@@ -72,14 +75,11 @@ def _read_npy(path: Path) -> NDArray[np.floating[Any]]:
     return table
 
 
-def _read_by_open3d(path: Path) -> NDArray[np.floating[Any]]:
-    o3d = open3d(f"reading {path.name}")
-    # a damaged file gives an empty cloud and a line on the terminal
-    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
-        read = o3d.t.io.read_point_cloud(str(path))
-    if "positions" not in read.point or not len(read.point.positions):
-        raise DataError("Open3D finds no points with x, y and z in it", path)
-    columns = [read.point.positions.numpy()]
-    if TIME_PROPERTY in read.point:
-        columns.append(read.point[TIME_PROPERTY].numpy().reshape(-1, 1))
-    return np.hstack(columns).astype(float)
+def _table(columns: Mapping[str, Array], path: Path) -> Array:
+    missing = [axis for axis in "xyz" if axis not in columns]
+    if missing:
+        raise DataError(
+            f"has points without {', '.join(missing)}; they have: {', '.join(columns) or '-'}", path
+        )
+    names = (*"xyz", TIME_PROPERTY) if TIME_PROPERTY in columns else (*"xyz",)
+    return np.column_stack([columns[name] for name in names])

@@ -22,7 +22,7 @@ from gtsam_nav.errors import DataError
 from gtsam_nav.mission import Mission
 from gtsam_nav.readers._mission_yaml import MissionFile
 from gtsam_nav.readers._table import header_names
-from gtsam_nav.readers._text import first_lines
+from gtsam_nav.readers._text import first_lines, read_lines
 from gtsam_nav.readers.contents import Contents, Stream
 from gtsam_nav.readers.folder import read_described
 from gtsam_nav.readers.layout import GEODETIC_COLUMNS, LAYOUTS, NED_COLUMNS
@@ -51,10 +51,9 @@ def read(path: Path, progress: Progress = no_progress, card: Path | None = None)
         Where no card is given, a file or a column is missing, or a file is malformed.
     """
     if card is None:
-        files = ", ".join(file.name for file in _files(path))
         raise DataError(
-            f"a card must say what the columns of {files} are: a file given by -c, with a section"
-            f" '{MISSION_SECTION}' whose sensors each name a file and its columns",
+            f"a card must say what the columns are: a file given by -c, as in {_example(path)}"
+            " (docs/cards.md)",
             path,
         )
     described = read_yaml(card, MissionFile, section=MISSION_SECTION)
@@ -72,11 +71,19 @@ def describe(path: Path, card: Path | None = None) -> Contents:
         for kind in kinds[:1]:
             entries.setdefault(kind, {"file": file.name})
     if card is not None:
-        return Contents(tuple(streams), card.read_text(encoding="utf-8"))
+        return Contents(tuple(streams), "\n".join(read_lines(card)))
     import yaml
 
     tree = {MISSION_SECTION: {"sensors": entries}}
     return Contents(tuple(streams), yaml.safe_dump(tree, sort_keys=False) if entries else "")
+
+
+def _example(path: Path) -> str:
+    """A card for the first file, to be edited."""
+    file = _files(path)[0]
+    first, *_ = header_names(next(iter(first_lines(file, 1)), ""), file)
+    entry = f"file: {file.name}, columns: {{t: '{first}', heading_deg: ...}}"
+    return f"{MISSION_SECTION}: {{sensors: {{heading: {{{entry}}}}}}}"
 
 
 def _files(path: Path) -> list[Path]:

@@ -22,13 +22,14 @@
 `layout` holds the columns of each file. Angles of a turned compass or attitude sensor (``rpy_deg``)
 become those of the body, and its mounting in the mission is the identity. A ``time_offset`` stands
 for ``time_offset_s`` where the clock is doubted; the graph estimates what it is off by. Without an
-origin the first fix of a file with latitudes is taken, and a warning says so.
+origin the first fix of a file with latitudes is taken, and a warning says so. ``rejections.csv``
+(t, sensor, index, reason) holds the samples that a conversion dropped.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -53,6 +54,7 @@ from gtsam_nav.readers._mission_yaml import (
 )
 from gtsam_nav.readers._mounting import ORIENTING_TYPES, in_body_axes
 from gtsam_nav.readers._npz import read_beams, read_scans
+from gtsam_nav.readers._rejections import read_rejections
 from gtsam_nav.readers._table import Table, read_named_files, read_table, truncation
 from gtsam_nav.readers.layout import GEODETIC_COLUMNS, LAYOUTS, NED_COLUMNS, Field
 from gtsam_nav.sensors.noise import NOISE_MODELS
@@ -79,13 +81,21 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
         Where a file is missing or malformed; names the file and the line or the key.
     """
     description = file_inside(path, MISSION_FILE)
-    return read_described(path, read_yaml(description, MissionFile), description, progress)
+    described = read_yaml(description, MissionFile)
+    return read_described(path, described, description, progress, read_rejections(path))
 
 
 def read_described(
-    folder: Path, described: MissionFile, description: Path, progress: Progress
+    folder: Path,
+    described: MissionFile,
+    description: Path,
+    progress: Progress,
+    rejections: Sequence[Rejection] = (),
 ) -> Mission:
-    """Read the files of a folder that a description, from wherever it came, names."""
+    """Read the files of a folder that a description, from wherever it came, names.
+
+    To what is dropped here come the ``rejections`` of an earlier reading.
+    """
     origin = None if described.origin is None else described.origin.to_origin()
     reading = _Reading(folder, origin, description.name)
     for k, (name, entry) in enumerate(described.sensors.items()):
@@ -100,11 +110,12 @@ def read_described(
         initial=described.initial.to_state(reading.origin, description),
         landmark_map=reading.landmark_map,
         constraints=described.constraints.to_constraints(),
-        rejections=tuple(reading.rejections),
+        rejections=(*rejections, *reading.rejections),
         warnings=tuple(reading.warnings),
         sources=(description, *reading.sources),
     )
-    offsets = {name: entry.time_offset_s for name, entry in described.sensors.items()}
+    offsets = {rejection.sensor: 0.0 for rejection in rejections}
+    offsets |= {name: entry.time_offset_s for name, entry in described.sensors.items()}
     return on_mission_time(mission, offsets)
 
 

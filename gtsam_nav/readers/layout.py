@@ -55,7 +55,7 @@ LAYOUTS: dict[str, tuple[Field, ...]] = {
     "dvl": (
         Field("v_d", ("vx", "vy", "vz")),
         Field("sigma", ("sigma",), required=False, noise=("sigma_m_s",)),
-        Field("valid", ("valid",), integer=True),
+        Field("valid", ("valid",), required=False, absent=1.0, integer=True),
         Field("bottom_lock", ("lock",), required=False, words=LOCK_WORDS, absent=1.0),
         Field("altitude_m", ("altitude",), required=False),
     ),

@@ -73,7 +73,7 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
 
     held = np.array([-1 if e is None else len(e) for e in echoes])
     n_bins = _commonest(held[held > 0], path)
-    usual = _commonest(period[period > 0], path)
+    usual = _commonest(period[np.isfinite(period) & (period >= 1)], path)
     refused: dict[str, BoolArray] = {
         MALFORMED: (held < 0) | ~np.isfinite(angle) | ~np.isfinite(n_samples),
         CUT: (n_samples < n_bins) | (held < n_bins),
@@ -121,7 +121,7 @@ def _seconds(line: str) -> float:
         digits = [int(word, 16) for word in line.split()]
     except ValueError:
         return np.nan
-    if len(digits) != DIGITS or max(digits) > 9:
+    if len(digits) != DIGITS or not all(0 <= digit <= 9 for digit in digits):
         return np.nan
     return float(DIGIT_S @ digits)
 

@@ -16,8 +16,6 @@ over its interval and is stamped in the middle.
 
 from __future__ import annotations
 
-import struct
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,6 +28,7 @@ from gtsam_nav.frames import Array
 from gtsam_nav.mission import LandmarkMap, Mission, Rejection, Sensor
 from gtsam_nav.preprocess.cleaning import tidy
 from gtsam_nav.readers._clock import on_mission_time
+from gtsam_nav.readers._mat5 import read_tables
 from gtsam_nav.readers._table import truncation
 from gtsam_nav.readers._text import Rows, parse_rows, read_lines
 from gtsam_nav.sensors.noise import LandmarkNoise, OdometryNoise
@@ -46,23 +45,8 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
     "GT": ("time", "x", "y", "heading"),
     "TL": ("beacon", "x", "y"),
 }
-MAX_MAT_BYTES = 100_000_000
 SURVEY_SIGMA_M = 0.05
 """Of beacons that were surveyed by RTK GNSS, which the files do not state."""
-
-# what scipy raises on broken MAT files
-_MAT_FAULTS = (
-    ValueError,
-    TypeError,
-    LookupError,
-    OSError,
-    OverflowError,
-    MemoryError,
-    NotImplementedError,
-    AttributeError,
-    zlib.error,
-    struct.error,
-)
 
 Cleaned = tuple[Series | None, list[Rejection]]
 
@@ -165,21 +149,13 @@ def _read_texts(stem: Path) -> _Files:
 
 
 def _read_mat(path: Path) -> _Files:
-    from scipy.io import loadmat
-
-    if path.stat().st_size > MAX_MAT_BYTES:
-        raise DataError(f"holds more than {MAX_MAT_BYTES} bytes", path)
-    try:
-        contents = loadmat(path, variable_names=list(COLUMNS))
-    except _MAT_FAULTS as error:
-        raise DataError(f"not readable as a MATLAB file: {error}", path) from error
+    contents = read_tables(path)
     tables: dict[str, Array] = {}
     for kind, names in COLUMNS.items():
         if kind in contents:
-            table = np.asarray(contents[kind])
-            if table.dtype.kind not in "fiu" or table.ndim != 2 or table.shape[1] != len(names):
+            tables[kind] = contents[kind]
+            if tables[kind].shape[1] != len(names):
                 raise DataError(f"{kind} must be a table of {', '.join(names)}", path)
-            tables[kind] = table.astype(float)
     if lacking := [kind for kind in ("DR", "TD") if kind not in tables]:
         raise DataError(f"holds no table {lacking[0]} of {', '.join(COLUMNS[lacking[0]])}", path)
     truth = Rows(tables["GT"]) if "GT" in tables else None

@@ -49,6 +49,7 @@ from gtsam_nav.readers._ros_clouds import PLACE, CloudPlaces, cloud_series
 from gtsam_nav.readers._ros_dialects import Columns
 from gtsam_nav.readers._ros_messages import NO_FIX, Sample
 from gtsam_nav.readers._ros_mounting import Frames, Mounting
+from gtsam_nav.readers._ros_parts import check_one_recording
 from gtsam_nav.readers._ros_rows import Cleaned, Rows, beams, scans, with_usual_noise
 from gtsam_nav.readers.contents import Contents, Stream
 from gtsam_nav.sensors.noise import NOISE_MODELS
@@ -88,6 +89,7 @@ def read(path: Path, progress: Progress = no_progress, card: Path | None = None)
         Where the bag is damaged, the card does not fit it, or no topic is a sensor.
     """
     with open_bag(path) as bag:
+        check_one_recording(bag, path)
         stated, choices, notes = _card_and_choices(bag, card)
         clocks = _clocks(bag, choices)
         frames = Frames(bag.static_transforms(), stated.body_frame)
@@ -121,6 +123,7 @@ def describe(path: Path, card: Path | None = None) -> Contents:
         Where the bag is damaged, or the given card does not fit it.
     """
     with open_bag(path) as bag:
+        check_one_recording(bag, path)
         streams = []
         for topic in bag.topics.values():
             clock = bag.clock(topic)

@@ -115,7 +115,7 @@ def _mission(
 def _report(line: str) -> dict[str, Any] | None:
     """A velocity report; None of what is none, or not whole."""
     try:
-        report = json.loads(line)
+        report = json.loads(line, parse_int=float)
     except (ValueError, RecursionError):
         return None
     if not isinstance(report, dict) or any(key not in report for key in NEEDED):
@@ -127,7 +127,7 @@ def _report(line: str) -> dict[str, Any] | None:
 def _is_other_report(line: str) -> bool:
     """Whether a line is whole, but of another kind: the position that newer firmware estimates."""
     try:
-        report = json.loads(line)
+        report = json.loads(line, parse_int=float)
     except (ValueError, RecursionError):
         return False
     return isinstance(report, dict) and "vx" not in report

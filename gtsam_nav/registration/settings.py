@@ -48,6 +48,32 @@ class PicSettings(Settings):
     floor_yaw_deg: float = Field(default=0.5, ge=0)
 
 
+class CorrelativeSettings(Settings):
+    """Correlative registration.
+
+    Attributes
+    ----------
+    cell_m : float
+        Of the grid on which poses are tried, and which blurs the reference.
+    reach_m, reach_deg : float
+        No pose further off is tried, however vague the prior.
+    min_score : float
+        Least share of the new points that the reference must explain.
+    max_rival : float
+        Where poses further off than ``rival_m`` or ``rival_deg`` score more than this share of the
+        best, the match is ambiguous.
+    rival_m, rival_deg : float
+    """
+
+    cell_m: float = Field(default=0.2, gt=0)
+    reach_m: float = Field(default=12.0, gt=0)
+    reach_deg: float = Field(default=45.0, gt=0, le=180)
+    min_score: float = Field(default=0.5, ge=0, le=1)
+    max_rival: float = Field(default=0.85, gt=0, le=1)
+    rival_m: float = Field(default=1.0, gt=0)
+    rival_deg: float = Field(default=10.0, gt=0)
+
+
 class Open3dSettings(Settings):
     """Registration of 3-D clouds.
 

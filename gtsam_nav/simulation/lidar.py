@@ -56,6 +56,7 @@ def lidar(
         series=CloudSeries(t=stamps, clouds=clouds),
         xyz_b=xyz_b,
         R_bs=R_bs,
+        simulated=True,
     )
 
 

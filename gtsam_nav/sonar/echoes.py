@@ -7,7 +7,7 @@ has to transfer between sonars. After Mallios et al. 2014, section 4.1.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +49,10 @@ class Echoes:
 
     def __len__(self) -> int:
         return len(self.t)
+
+    def shift(self, by_s: float) -> Echoes:
+        """The echoes at times moved by a constant."""
+        return replace(self, t=self.t + by_s)
 
     def select(self, which: BoolArray) -> Echoes:
         """The echoes that a mask picks."""

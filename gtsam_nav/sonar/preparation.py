@@ -12,20 +12,40 @@ from gtsam_nav.solution import SonarMap, SonarScans
 from gtsam_nav.sonar.defects import WHOLE_SENSOR, sonar_defect
 from gtsam_nav.sonar.echoes import Echoes, echoes_of_scans, segment
 from gtsam_nav.sonar.motion import PlanarMotion
-from gtsam_nav.sonar.scans import Scan, Turns, find_turns, form_scans, thin_scans
+from gtsam_nav.sonar.scans import (
+    Scan,
+    Turns,
+    find_turns,
+    form_scans,
+    thin_by_motion,
+    thin_scans,
+)
 from gtsam_nav.sonar.settings import SegmentationSettings, SonarSettings
 from gtsam_nav.trajectory import Trajectory
 
 log = logging.getLogger(__name__)
 
+AT_ONCE_S = 1.0
+"""Scans that follow each other faster took too little time to be bent by the motion."""
+
 
 @dataclass(frozen=True)
 class SonarData:
-    """Echoes of a mission, cut into scans and deskewed by the vehicle's own motion."""
+    """Echoes of a mission, cut into scans and deskewed by the vehicle's own motion.
+
+    Attributes
+    ----------
+    echoes : Echoes
+    turns : Turns
+    scans : list of Scan
+    at_once : bool
+        Whether each scan was taken at once, so that motion does not bend it.
+    """
 
     echoes: Echoes
     turns: Turns
     scans: list[Scan]
+    at_once: bool = False
 
 
 def leave_out_defective_sonar(
@@ -61,21 +81,39 @@ def _echoes(sonar: Sensor, settings: SegmentationSettings) -> Echoes:
     return echoes_of_scans(sonar)
 
 
-def sonar_turns(mission: Mission, settings: SonarSettings) -> Turns | None:
-    """Turns of the one sonar that is left, thinned; None without a sonar or a single turn."""
+def scans_at_once(mission: Mission) -> bool:
+    """Whether the sonar in use is a scanner, such as a laser, whose scans are taken at once."""
+    scans = mission.first("scans")
+    if scans is None or mission.first("beams") is not None or len(scans.series) < 2:
+        return False
+    return bool(np.median(np.diff(scans.series.t)) < AT_ONCE_S)
+
+
+def sonar_turns(
+    mission: Mission, settings: SonarSettings, motion: PlanarMotion | None = None
+) -> Turns | None:
+    """Turns of the one sonar that is left, thinned; None without a sonar or a single turn.
+
+    Scans that are taken at once are thinned by the motion, where it is given.
+    """
     sonar = mission.first("beams") or mission.first("scans")
     if sonar is None:
         return None
-    turns = find_turns(sonar, settings.scans.max_gap_s)
-    kept = thin_scans(turns.t_ref, settings.scans.min_interval_s)
+    turns, s = find_turns(sonar, settings.scans.max_gap_s), settings.scans
+    if motion is not None and scans_at_once(mission):
+        kept = thin_by_motion(turns.t_ref, motion, s.min_move_m, np.radians(s.min_turn_deg))
+    else:
+        kept = thin_scans(turns.t_ref, s.min_interval_s)
     turns = Turns(turns.first[kept], turns.last[kept], turns.t_ref[kept])
     return turns if len(turns) else None
 
 
-def deskewed(echoes: Echoes, turns: Turns, motion: PlanarMotion) -> SonarData:
+def deskewed(
+    echoes: Echoes, turns: Turns, motion: PlanarMotion, at_once: bool = False
+) -> SonarData:
     """The echoes that lie in a turn, and the scans that they make once the motion is taken out."""
     echoes = echoes.select(turns.hold(echoes.beam))
-    return SonarData(echoes, turns, form_scans(echoes, turns, motion))
+    return SonarData(echoes, turns, form_scans(echoes, turns, motion), at_once)
 
 
 def registered_scans(mission: Mission, data: SonarData) -> SonarScans | None:

@@ -96,6 +96,20 @@ def thin_scans(scan_times: Array, min_spacing_s: float) -> Array:
     return np.array(kept, dtype=np.int64)
 
 
+def thin_by_motion(
+    scan_times: Array, motion: PlanarMotion, min_move_m: float, min_turn_rad: float
+) -> Array:
+    """Indices of scans before which the vehicle moved or turned enough, greedily from the first."""
+    ne, yaw = motion.at(scan_times)
+    kept = [0] if len(scan_times) else []
+    for k in range(1, len(scan_times)):
+        last = kept[-1]
+        moved = np.linalg.norm(ne[k] - ne[last]) >= min_move_m
+        if moved or abs(yaw[k] - yaw[last]) >= min_turn_rad:
+            kept.append(k)
+    return np.array(kept, dtype=np.int64)
+
+
 def form_scans(echoes: Echoes, turns: Turns, motion: PlanarMotion) -> list[Scan]:
     """Deskew the echoes of each turn with the vehicle's motion.
 

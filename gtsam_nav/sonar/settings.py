@@ -52,12 +52,17 @@ class ScanSettings(Settings):
     max_gap_s : float
         A longer silence of the sonar ends a scan.
     min_interval_s : float
-        Scans closer together than this are thinned out (sonars and lasers that scan fast).
+        Scans closer together than this are thinned out.
+    min_move_m, min_turn_deg : float
+        For the graph, those of a scanner that takes them at once are thinned by motion instead: one
+        is kept where the vehicle has moved or turned so far since the last.
     """
 
     min_points: int = Field(default=20, ge=3)
     max_gap_s: float = Field(default=3.0, gt=0)
     min_interval_s: float = Field(default=2.0, ge=0)
+    min_move_m: float = Field(default=0.5, ge=0)
+    min_turn_deg: float = Field(default=15.0, ge=0)
 
 
 class SonarSettings(Settings):

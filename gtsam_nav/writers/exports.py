@@ -7,12 +7,13 @@ from pathlib import Path
 
 from gtsam_nav.errors import ConfigError, DataError, OutputError
 from gtsam_nav.frames import Origin
+from gtsam_nav.writers.atomic import draft_folder
 from gtsam_nav.writers.frame import Frame
 from gtsam_nav.writers.geo import write_geojson, write_kml
 from gtsam_nav.writers.point_map import read_ply, write_ply
 from gtsam_nav.writers.pose_graph import read_pose_graph, write_g2o
 from gtsam_nav.writers.run_folder import Run, read_run
-from gtsam_nav.writers.trajectories import write_kitti, write_nav, write_tum
+from gtsam_nav.writers.trajectories import KITTI_TIMES, write_kitti, write_nav, write_tum
 
 
 def export_run(folder: Path, formats: Sequence[str], frame: Frame = "ned") -> list[Path]:
@@ -30,7 +31,7 @@ def export_run(folder: Path, formats: Sequence[str], frame: Frame = "ned") -> li
     Returns
     -------
     list of Path
-        The files, in the order of the formats.
+        The files, in the order of the formats; KITTI's poses have their times beside them.
 
     Raises
     ------
@@ -41,63 +42,71 @@ def export_run(folder: Path, formats: Sequence[str], frame: Frame = "ned") -> li
     OutputError
         Where the files cannot be written.
     """
-    if unknown := [name for name in formats if name not in FORMATS]:
-        raise ConfigError(f"unknown format '{unknown[0]}'; the choices are: {', '.join(FORMATS)}")
+    check_formats(formats)
     if frame not in ("ned", "enu"):
         raise ConfigError(f"unknown frame '{frame}'; the choices are: ned, enu")
     run = read_run(folder)
     out = folder / "export"
     try:
-        out.mkdir(exist_ok=True)
-        return [FORMATS[name](run, out, frame) for name in formats]
+        with draft_folder(out) as draft:
+            chosen = dict.fromkeys(formats)
+            written = [path for name in chosen for path in FORMATS[name](run, draft, frame)]
+            out.mkdir(exist_ok=True)
+            return [path.replace(out / path.name) for path in written]
     except OSError as error:
         raise OutputError(f"{out}: cannot write the export: {error}") from error
 
 
-def _export_tum(run: Run, out: Path, frame: Frame) -> Path:
+def check_formats(formats: Sequence[str]) -> None:
+    """Raise a ConfigError for a format that is none of `FORMATS`."""
+    if unknown := [name for name in formats if name not in FORMATS]:
+        raise ConfigError(f"unknown format '{unknown[0]}'; the choices are: {', '.join(FORMATS)}")
+
+
+def _export_tum(run: Run, out: Path, frame: Frame) -> tuple[Path, ...]:
     path = _named(out, "trajectory.tum", frame)
     write_tum(run.trajectory, path, frame)
-    return path
+    return (path,)
 
 
-def _export_kitti(run: Run, out: Path, frame: Frame) -> Path:
+def _export_kitti(run: Run, out: Path, frame: Frame) -> tuple[Path, ...]:
     path = _named(out, "trajectory.kitti", frame)
     write_kitti(run.trajectory, path, frame)
-    return path
+    return path, path.with_name(KITTI_TIMES)
 
 
-def _export_g2o(run: Run, out: Path, frame: Frame) -> Path:
+def _export_g2o(run: Run, out: Path, frame: Frame) -> tuple[Path, ...]:
     source = _result(run, "graph.g2o")
     path = _named(out, "graph.g2o", frame)
     write_g2o(read_pose_graph(source, run.folder / "vertex_times.csv"), path, frame)
-    return path
+    return (path,)
 
 
-def _export_ply(run: Run, out: Path, frame: Frame) -> Path:
+def _export_ply(run: Run, out: Path, frame: Frame) -> tuple[Path, ...]:
     path = _named(out, "map.ply", frame)
     write_ply(read_ply(_result(run, "map.ply")), path, frame)
-    return path
+    return (path,)
 
 
-def _export_nav(run: Run, out: Path, _frame: Frame) -> Path:
+def _export_nav(run: Run, out: Path, _frame: Frame) -> tuple[Path, ...]:
     path = out / "nav.csv"
     write_nav(run.trajectory, _origin(run), path)
-    return path
+    return (path,)
 
 
-def _export_geojson(run: Run, out: Path, _frame: Frame) -> Path:
+def _export_geojson(run: Run, out: Path, _frame: Frame) -> tuple[Path, ...]:
     path = out / "track.geojson"
     write_geojson(run.trajectory, _origin(run), run.name, path)
-    return path
+    return (path,)
 
 
-def _export_kml(run: Run, out: Path, _frame: Frame) -> Path:
+def _export_kml(run: Run, out: Path, _frame: Frame) -> tuple[Path, ...]:
     path = out / "track.kml"
     write_kml(run.trajectory, _origin(run), run.name, path)
-    return path
+    return (path,)
 
 
-FORMATS: dict[str, Callable[[Run, Path, Frame], Path]] = {
+FORMATS: dict[str, Callable[[Run, Path, Frame], tuple[Path, ...]]] = {
     "tum": _export_tum,
     "kitti": _export_kitti,
     "g2o": _export_g2o,

@@ -1,13 +1,13 @@
 """Missions as mission folders, written so that `gtsam_nav.readers.folder` reads them back.
 
 Floats are written exactly, positions of GNSS as latitude, longitude and height where the mission
-has an origin (exact to about 1e-8 m). What a folder cannot say is not written: rejections,
-warnings, row numbers. Reading sets time zero to the earliest sample.
+has an origin (exact to about 1e-8 m). What was dropped stands in ``rejections.csv``, by its row in
+the source. What a folder cannot say is not written: warnings, row numbers of what was kept. Reading
+sets time zero to the earliest sample.
 """
 
 from __future__ import annotations
 
-import os
 import re
 import shutil
 from collections.abc import Callable
@@ -21,6 +21,7 @@ import yaml
 from gtsam_nav.errors import OutputError
 from gtsam_nav.frames import Array, geodetic_from_ned, rpy_from_rotation
 from gtsam_nav.mission import Constraints, InitialState, LandmarkMap, Mission, Sensor
+from gtsam_nav.readers._rejections import COLUMNS, REJECTIONS_FILE
 from gtsam_nav.readers.clouds import cloud_table, load
 from gtsam_nav.readers.layout import GEODETIC_COLUMNS, LAYOUTS, NED_COLUMNS
 from gtsam_nav.series import (
@@ -30,7 +31,9 @@ from gtsam_nav.series import (
     ScanSeries,
     Series,
 )
+from gtsam_nav.writers.atomic import replacing_folder
 from gtsam_nav.writers.tables import EXACT, write_records, write_table
+from gtsam_nav.yaml_files import read_yaml_file
 
 MISSION_FILE = "mission.yaml"
 LANDMARK_MAP = "landmark_map"
@@ -57,19 +60,17 @@ def write_mission(mission: Mission, folder: Path | str) -> None:
     target = Path(folder).resolve()
     if not _replaceable(target):
         raise OutputError(f"{target} exists and is no mission folder; choose another place")
-    partial = target.with_name(f".{target.name}.{os.getpid()}.partial")
-    retired = target.with_name(f".{target.name}.{os.getpid()}.old")
     try:
-        partial.mkdir(parents=True)
-        _write_files(mission, partial)
-        if target.exists():
-            target.rename(retired)
-        partial.rename(target)
-        shutil.rmtree(retired, ignore_errors=True)
+        with replacing_folder(target) as draft:
+            _write_files(mission, draft)
     except OSError as error:
         raise OutputError(f"{target}: the mission cannot be written: {error}") from error
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
+
+
+def check_free(folder: Path, force: bool) -> None:
+    """Raise an OutputError where something is in the place of a folder, unless that is forced."""
+    if not force and folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise OutputError(f"{folder} is there; --force replaces a mission folder")
 
 
 def _replaceable(target: Path) -> bool:
@@ -80,14 +81,18 @@ def _replaceable(target: Path) -> bool:
         return False
     present = {str(p.relative_to(target)) for p in target.rglob("*") if not p.is_dir()}
     try:
-        described = yaml.safe_load((target / MISSION_FILE).read_text(encoding="utf-8"))
-        named = {str(entry["file"]) for entry in described["sensors"].values()}
-    except (OSError, ValueError, LookupError, TypeError, AttributeError, yaml.YAMLError):
+        entries = read_yaml_file(target / MISSION_FILE)["sensors"]
+        named = {str(entry["file"]) for entry in entries.values()}
+        of_clouds = {
+            str(entry["file"])
+            for name, entry in entries.items()
+            if entry.get("type", name) == CloudSeries.TYPE
+        }
+    except (OSError, ValueError, LookupError, TypeError, AttributeError):
         return not present
-    clouds = {name.removesuffix(".csv") for name in named}
-    return all(
-        name in named | {MISSION_FILE} or str(Path(name).parent) in clouds for name in present
-    )
+    clouds = {name.removesuffix(".csv") for name in of_clouds}
+    ours = named | {MISSION_FILE, REJECTIONS_FILE}
+    return all(name in ours or str(Path(name).parent) in clouds for name in present)
 
 
 def _write_files(mission: Mission, folder: Path) -> None:
@@ -114,6 +119,9 @@ def _write_files(mission: Mission, folder: Path) -> None:
         name = _unused(LANDMARK_MAP, set(entries))
         entries[name] = {"type": LANDMARK_MAP, "file": f"{LANDMARK_MAP}.csv"}
     description["sensors"] = entries
+    if mission.rejections:
+        rows = [(r.t, r.sensor, r.index, r.reason) for r in mission.rejections]
+        write_records(folder / REJECTIONS_FILE, COLUMNS, rows)
     text = yaml.safe_dump(description, sort_keys=False, allow_unicode=True)
     if any(character in text for character in FOLDED_BY_YAML):
         text = yaml.safe_dump(description, sort_keys=False)
@@ -156,7 +164,7 @@ def _entry(sensor: Sensor, file_name: str) -> dict[str, Any]:
 
 def _file_stems(mission: Mission) -> list[str]:
     """One file name a sensor, without its ending, whatever the sensors are called."""
-    taken = {LANDMARK_MAP}
+    taken = {LANDMARK_MAP, Path(REJECTIONS_FILE).stem}
     stems = []
     for name in mission.sensors:
         stem = _unused(re.sub(r"[^A-Za-z0-9_-]+", "_", name) or "sensor", taken)

@@ -51,7 +51,10 @@ def read_ply(path: Path) -> SonarMap:
     DataError
         Where the file is another kind of PLY, or cut short.
     """
-    content = path.read_bytes()
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise DataError(f"cannot be read: {error}", path) from error
     header, end, body = content.partition(b"end_header\n")
     n_points = len(body) // PLY_POINT.itemsize
     if header + end != _ply_header(n_points, "ned") or len(body) % PLY_POINT.itemsize:

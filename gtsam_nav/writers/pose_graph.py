@@ -78,12 +78,18 @@ def read_pose_graph(g2o: Path, vertex_times: Path) -> PoseGraph:
     """
     vertices: list[list[float]] = []
     edges: list[PoseGraphEdge] = []
-    for number, line in enumerate(g2o.read_text(encoding="utf-8").splitlines(), start=1):
-        kind, *fields = line.split()
+    try:
+        lines = g2o.read_text(encoding="utf-8").splitlines()
+    except (OSError, ValueError) as error:
+        raise DataError(f"cannot be read: {error}", g2o) from error
+    for number, line in enumerate(lines, start=1):
+        kind, *fields = line.split() or [""]
         try:
             values = [float(field) for field in fields]
         except ValueError as error:
             raise DataError(str(error), g2o, number) from error
+        if not np.all(np.isfinite(values)):
+            raise DataError("holds a number that is not finite", g2o, number)
         if kind == "VERTEX_SE3:QUAT" and len(values) == 8:
             vertices.append(values)
         elif kind == "EDGE_SE3:QUAT" and len(values) == 30:
@@ -91,8 +97,11 @@ def read_pose_graph(g2o: Path, vertex_times: Path) -> PoseGraph:
         else:
             raise DataError(f"'{kind}' with {len(values)} numbers is not understood", g2o, number)
     poses = np.array(vertices).reshape(-1, 8)
+    times = read_table(vertex_times).get("t", np.empty(0))
+    if len(times) != len(poses):
+        raise DataError(f"{len(times)} times of {len(poses)} vertices", vertex_times)
     return PoseGraph(
-        t=read_table(vertex_times)["t"],
+        t=times,
         p_n=poses[:, 1:4],
         q_nb_wxyz=poses[:, [7, 4, 5, 6]],
         edges=tuple(edges),

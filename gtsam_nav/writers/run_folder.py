@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-import os
-import shutil
+import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -21,10 +20,11 @@ from gtsam_nav.evaluation.metrics import Metrics, evaluate
 from gtsam_nav.solution import LandmarkEstimates, Solution
 from gtsam_nav.sonar.occupancy import OccupancyGrid, occupancy_grid
 from gtsam_nav.trajectory import Trajectory
+from gtsam_nav.writers.atomic import replacing_folder
 from gtsam_nav.writers.geo import write_geojson
 from gtsam_nav.writers.point_map import write_map_image, write_ply
 from gtsam_nav.writers.pose_graph import write_g2o, write_vertex_times
-from gtsam_nav.writers.run_record import RunRecord, make_record, read_record, write_record
+from gtsam_nav.writers.run_record import RECORD, RunRecord, make_record, read_record, write_record
 from gtsam_nav.writers.tables import EXACT, write_records, write_table
 from gtsam_nav.writers.trajectories import (
     read_trajectory_csv,
@@ -33,8 +33,6 @@ from gtsam_nav.writers.trajectories import (
     write_trajectory_csv,
     write_tum,
 )
-
-RECORD = "run.json"
 
 
 @dataclass(frozen=True)
@@ -123,6 +121,10 @@ def read_run(folder: Path) -> Run:
         raise DataError(f"cannot read the metrics: {error}", path) from error
     exact = read_tum(folder / "trajectory.tum")
     trajectory = read_trajectory_csv(folder / "trajectory.csv")
+    if len(trajectory) != len(exact):
+        raise DataError(
+            f"trajectory.csv has {len(trajectory)} poses, trajectory.tum {len(exact)}", folder
+        )
     return Run(
         folder=folder,
         record=read_record(folder / RECORD),
@@ -146,27 +148,39 @@ def find_runs(folder: Path) -> list[Path]:
     return runs[:1] if runs[0] == folder else runs
 
 
+def settle_output(folder: Path, *runs: Path) -> None:
+    """Make a folder and see that the results can be put there, before any work is done.
+
+    Raises
+    ------
+    OutputError
+        Where it cannot be written, or where one of the runs' places holds something else.
+    """
+    for place in runs:
+        if place.exists() and not (place / RECORD).is_file():
+            raise OutputError(f"{place}: is there and not a run's folder; choose another --out")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        reason = error.strerror or type(error).__name__
+        raise OutputError(f"{folder}: cannot write there: {reason}") from error
+
+
 @contextmanager
 def _replacing(target: Path) -> Iterator[Path]:
     """A draft folder that takes the target's place when all went well, and else vanishes."""
-    draft = target.with_name(f".{target.name}.{os.getpid()}.draft")
-    retired = target.with_name(f".{target.name}.{os.getpid()}.old")
     if target.exists() and not (target / RECORD).is_file():
         raise OutputError(
             f"{target}: exists and is not a run's folder (no {RECORD}); "
             "move it away or choose another --out"
         )
     try:
-        draft.mkdir(parents=True)
-        yield draft
-        if target.exists():
-            target.rename(retired)
-        draft.rename(target)
-        shutil.rmtree(retired, ignore_errors=True)
+        with replacing_folder(target) as draft:
+            yield draft
     except OSError as error:
         raise OutputError(f"{target}: cannot write the run: {error}") from error
-    finally:
-        shutil.rmtree(draft, ignore_errors=True)
 
 
 def _write_results(solution: Solution, draft: Path) -> dict[str, str]:

@@ -6,8 +6,9 @@ import hashlib
 import json
 import platform
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
@@ -15,10 +16,15 @@ from pydantic import TypeAdapter, ValidationError
 import gtsam_nav
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Origin
-from gtsam_nav.mission import SonarKind
+from gtsam_nav.mission import Opening, SonarKind
 from gtsam_nav.solution import Solution
 
-PACKAGES = ("gtsam", "numpy", "scipy")
+RECORD = "run.json"
+PACKAGES = (
+    *("gtsam", "numpy", "scipy", "numba", "pymap3d", "pydantic", "pyyaml", "matplotlib"),
+    *("rosbags", "kiss-icp", "open3d"),
+)
+"""What a result may depend on; those that are not installed are left out."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +45,9 @@ class RunRecord:
         The command line, where there was one.
     versions : mapping of str to str
     sources : mapping of str to str
-        SHA-256 of each file that was read.
+        SHA-256 of each file that was read, by absolute path.
+    opening : Opening or None
+        How the mission was opened; None where it did not come from disk.
     wall_s : float or None
         From opening the mission to the last result written, plots aside.
     mission_s : float
@@ -65,6 +73,7 @@ class RunRecord:
     command: str | None
     versions: Mapping[str, str]
     sources: Mapping[str, str]
+    opening: Opening | None = None
     wall_s: float | None
     mission_s: float
     realtime_factor: float | None
@@ -93,12 +102,9 @@ def make_record(
         georeferenced=solution.georeferenced,
         seed=seed,
         command=command,
-        versions={
-            "gtsam_nav": gtsam_nav.__version__,
-            **{name: version(name) for name in PACKAGES},
-            "python": platform.python_version(),
-        },
-        sources={str(path): _sha256(path) for path in mission.sources},
+        versions=installed_versions(),
+        sources={str(path.absolute()): sha256(path) for path in mission.sources},
+        opening=mission.opening,
         wall_s=wall_s,
         mission_s=end - begin,
         realtime_factor=(end - begin) / wall_s if wall_s else None,
@@ -107,6 +113,15 @@ def make_record(
         warnings=tuple(dict.fromkeys((*mission.warnings, *solution.warnings))),
         skipped=skipped,
     )
+
+
+def installed_versions() -> dict[str, str]:
+    """Version of this package, of those that results depend on, and of Python."""
+    versions = {"gtsam_nav": gtsam_nav.__version__}
+    for name in PACKAGES:
+        with suppress(PackageNotFoundError):
+            versions[name] = version(name)
+    return {**versions, "python": platform.python_version()}
 
 
 def write_record(record: RunRecord, path: Path) -> None:
@@ -130,6 +145,7 @@ def read_record(path: Path) -> RunRecord:
         raise DataError(f"cannot read the record of the run: {error}", path) from error
 
 
-def _sha256(path: Path) -> str:
+def sha256(path: Path) -> str:
+    """Checksum of a file."""
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()

@@ -95,11 +95,13 @@ def _numbers(path: Path, kind: str) -> Array:
 
 
 def write_kitti(trajectory: Trajectory, path: Path, frame: Frame = "ned") -> None:
-    """Write the twelve numbers of [R|p], row by row, one pose a line, exactly; no times."""
+    """Write the twelve numbers of [R|p], row by row, one pose a line; times beside, exactly."""
     R = express_rotations(trajectory.R_nb, frame)
     p = express_points(trajectory.p_n, frame)
     rows = np.concatenate([R, p[:, :, None]], axis=2).reshape(-1, 12)
     path.write_text(format_rows(list(rows.T), [EXACT] * 12, " "), encoding="utf-8", newline="\n")
+    times = format_rows([trajectory.t], [EXACT])
+    path.with_name(KITTI_TIMES).write_text(times, encoding="utf-8", newline="\n")
 
 
 def write_trajectory_csv(trajectory: Trajectory, path: Path) -> None:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import solutions
 
-from gtsam_nav.evaluation.comparison import comparison_row
+from gtsam_nav.evaluation.comparison import compare, comparison_row
 from gtsam_nav.evaluation.metrics import evaluate
 
 
@@ -41,3 +41,8 @@ def test_a_run_that_stops_early_has_failed() -> None:
     whole = solutions.dr_solution()
     short = replace(whole, trajectory=whole.trajectory.select(slice(0, 5000)))
     assert comparison_row("dr", evaluate(short)).failed
+
+
+def test_a_single_solution_is_a_comparison_of_one() -> None:
+    solution = solutions.dr_solution()
+    assert compare(solution) == compare([solution])

@@ -22,6 +22,7 @@ from gtsam_nav.evaluation.metrics import (
     evaluate_trajectory,
 )
 from gtsam_nav.frames import Array, quaternion_from_rpy, rotation_from_rpy
+from gtsam_nav.mission import Mission
 from gtsam_nav.series import ReferenceSeries
 from gtsam_nav.trajectory import Trajectory
 
@@ -291,12 +292,12 @@ def test_evaluate_takes_the_solutions_reference_or_another_or_none() -> None:
         evaluate(solution, solution.mission.first("dvl"))
 
 
-def test_the_document_has_the_keys_of_the_design_and_the_clock_offsets() -> None:
+def test_the_document_has_the_keys_of_the_design_clock_offsets_and_relations() -> None:
     document = evaluate(solutions.graph_solution()).to_json()
     assert set(document) == {
         "ate", "ate_3d", "ate_online", "rpe", "drift_percent", "heading_error_deg", "nees", "nis",
         "coverage", "loops", "rejected", "n_keyframes", "sonar", "gnss_used", "gnss_withheld",
-        "clock_offsets",
+        "clock_offsets", "relations",
     }  # fmt: skip
     for key in ("ate", "ate_3d", "ate_online"):
         assert set(document[key]) == {"none", "start", "se2", "se3"}
@@ -331,3 +332,14 @@ def test_metrics_print_their_headline() -> None:
     text = str(evaluate(solutions.graph_solution()))
     assert "ate none" in text
     assert "coverage   1.000" in text
+
+
+def test_evaluate_takes_a_mission_for_its_reference() -> None:
+    solution = solutions.dr_solution()
+    assert solution.reference is not None
+    mission = Mission("truth", {"reference": solution.reference})
+    assert evaluate(replace(solution, reference=None), mission) == evaluate(solution)
+
+
+def test_without_a_score_the_reason_is_printed() -> None:
+    assert "nothing to score on" in str(evaluate(replace(solutions.dr_solution(), reference=None)))

@@ -79,6 +79,28 @@ def test_texts_of_the_mission_stay_texts(browser: Browser) -> None:
     assert browser.evaluate("document.querySelectorAll('img[src=x]').length") == 0
 
 
+LABEL = "<img src=x onerror='document.title=1'>"
+"""What can be a name of a folder too."""
+
+
+def test_names_of_sensors_and_labels_of_methods_stay_texts(chromium: str, tmp_path: Path) -> None:
+    graph = solutions.graph_solution()
+    gnss = replace(graph.mission.sensors["gnss"], name=LABEL)
+    mission = graph.mission.with_sensor(gnss)
+    fix = Rejection(3.0, LABEL, 3, "bad", 20.0)
+    graph = replace(graph, mission=mission, rejections=(*graph.rejections, fix))
+    dr = replace(solutions.dr_solution(), mission=mission, method=LABEL)
+    page = write_report([dr, graph], tmp_path)
+    with Browser(chromium, tmp_path / "profile") as browser:
+        browser.open(page)
+        browser.wait_for(STARTED)
+        browser.settle()
+        assert browser.complaints == []
+        assert browser.evaluate("document.title").endswith("navigation report")
+        assert browser.evaluate("document.querySelectorAll('img[src=x]').length") == 0
+        assert LABEL in browser.evaluate("document.body.innerText")
+
+
 def test_layers_are_those_of_the_solutions(browser: Browser) -> None:
     keys = "[...document.querySelectorAll('[data-layer]')].map((box) => box.dataset.layer)"
     assert browser.evaluate(keys) == [

@@ -17,7 +17,8 @@ from gtsam_nav.evaluation import plots
 from gtsam_nav.evaluation.html import Html, element, table
 from gtsam_nav.evaluation.report import write_report
 from gtsam_nav.evaluation.settings import EvaluationSettings
-from gtsam_nav.mission import Rejection
+from gtsam_nav.mission import Rejection, Sensor
+from gtsam_nav.series import Cloud, CloudSeries
 from gtsam_nav.solution import RobustWeights
 from gtsam_nav.writers.run_folder import write_run
 
@@ -94,6 +95,19 @@ def test_simulated_sonar_is_labelled_over_every_score(written: Path) -> None:
     headings = re.findall(r"<h2>(Scores|Plan and time|Errors|Scans)(.*?)</h2>", text)
     assert len(headings) == 4
     assert all("simulated sonar" in label for _, label in headings)
+
+
+def test_a_simulated_lidar_is_labelled_and_its_map_named(tmp_path: Path) -> None:
+    series = CloudSeries(t=np.array([0.0]), clouds=(Cloud(np.zeros((1, 3))),))
+    solution = solutions.graph_solution()
+    lidar = Sensor("lidar", "clouds", series, simulated=True)
+    sonars = (sensor.name for sensor in solution.mission.of_type("beams"))
+    mission = solution.mission.without(*sonars).with_sensor(lidar)
+    write_report(replace(solution, mission=mission, scans=None), tmp_path)
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "simulated lidar" in text
+    assert "map of the clouds" in text
+    assert "sonar map" not in re.sub(r"<script.*?</script>", "", text, flags=re.DOTALL)
 
 
 def test_all_that_a_reader_asks_for_is_said(page: Page) -> None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from test_exported import moved_by_levenberg_marquardt
 
 import gtsam_nav as gn
 from gtsam_nav.frames import Array
@@ -169,8 +171,11 @@ def test_scans_extracted_elsewhere_run_the_same_way(mission: Mission) -> None:
     assert rmse_m(solution) < 0.6
 
 
-def test_every_candidate_loop_has_a_verdict(mission: Mission) -> None:
+def test_every_candidate_loop_has_a_verdict(mission: Mission, tmp_path: Path) -> None:
     solution = estimated(mission, *SOON)
+    assert solution.pose_graph is not None
+    _, moved = moved_by_levenberg_marquardt(solution.pose_graph, tmp_path / "graph.g2o")
+    assert moved.max() < 0.01
     assert len(solution.loops) >= 2
     for loop in solution.loops:
         assert loop.t_b - loop.t_a >= 20.0

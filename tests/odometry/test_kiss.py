@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 
 from gtsam_nav.errors import EstimationError
 from gtsam_nav.frames import quaternion_from_rpy
 from gtsam_nav.mission import Mission, Sensor
-from gtsam_nav.odometry.kiss import CloudTrack, adjoint, cloud_odometry
+from gtsam_nav.odometry.kiss import CloudTrack, KissOdometry, adjoint, cloud_odometry
 from gtsam_nav.odometry.settings import KissSettings
 from gtsam_nav.series import Cloud, CloudSeries, ReferenceSeries
 from gtsam_nav.simulation import SimulationSettings, make_scenario, simulate
@@ -106,6 +107,29 @@ def test_without_times_in_the_sweep_it_drifts_more(track: CloudTrack, mission: M
     assert off(skewed, track.t) > 2 * off(track, track.t)
 
 
+def test_points_of_one_time_are_a_cloud_without_times_and_said(mission: Mission) -> None:
+    _, series = clouds_of(mission)
+    clouds = [c for c in series.clouds if isinstance(c, Cloud)][:6]
+    bare = tuple(Cloud(c.points_s) for c in clouds)
+    equal = tuple(Cloud(c.points_s, np.zeros(len(c.points_s))) for c in clouds)
+    # an unguarded KISS-ICP ends the whole process here
+    found = cloud_odometry(with_clouds(mission, equal), KissSettings(), no_progress)
+    expected = cloud_odometry(with_clouds(mission, bare), KissSettings(), no_progress)
+    assert found is not None
+    assert expected is not None
+    np.testing.assert_array_equal(found.p_o, expected.p_o)
+    assert expected.warnings == ()
+    assert "in 6 clouds" in found.warnings[0]
+
+
+@pytest.mark.parametrize("spoilt", ["points", "times"])
+def test_what_is_not_finite_never_reaches_kiss(spoilt: str) -> None:
+    points, times = np.ones((100, 3)), np.linspace(0.0, 0.1, 100)
+    (points if spoilt == "points" else times)[7] = np.nan
+    with pytest.raises(ValueError, match="not finite"):
+        KissOdometry(KissSettings()).place(points, times)
+
+
 def test_the_same_clouds_give_the_same_track(track: CloudTrack, mission: Mission) -> None:
     _, series = clouds_of(mission)
     last = track.key[1].index
@@ -149,6 +173,14 @@ def test_the_adjoint_carries_small_motions_over() -> None:
     turn = Rotation.from_rotvec(moved[:3]).as_matrix()
     np.testing.assert_allclose(turn @ R_ab, R, atol=1e-10)
     np.testing.assert_allclose(turn @ p_a + moved[3:], p, atol=1e-10)
+
+
+def test_a_track_that_begins_under_way_begins_well(mission: Mission) -> None:
+    """Its first cloud is bent by a motion that only the second tells."""
+    moving = mission.crop(1.6)
+    track = cloud_odometry(moving, KissSettings(), no_progress)
+    assert track is not None
+    assert nees_of(track, mission)[0] < chi2.ppf(0.9999, 6)
 
 
 @pytest.mark.slow

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.mission import Mission
@@ -123,6 +124,86 @@ def test_a_cut_archive(tmp_path: Path) -> None:
     (tmp_path / "log.clf.bz2").write_bytes(whole[:-10])
     with pytest.raises(DataError, match="cut off"):
         open_mission(tmp_path / "log.clf.bz2")
+
+
+def relations(folder: Path, *lines: str) -> Mission:
+    (folder / "log.relations").write_text("\n".join(lines) + "\n")
+    return log(folder, odom(5), odom(9), *(laser(5.5 + k, 1, 2) for k in range(4)))
+
+
+def test_relations_beside_a_log_are_its_truth(tmp_path: Path) -> None:
+    """Half a metre ahead, 0.1 m to port and a turn to the left."""
+    read = relations(tmp_path, "5.5 7.5 0.5 0.1 0 0 0 0.2", "6.5 8.5 1 0 0 0 0 0")
+    assert read.relations is not None
+    assert read.relations.sensor == "scans"
+    taken = scans_of(read).t
+    np.testing.assert_allclose(read.relations.t, taken[[[0, 2], [1, 3]]])
+    np.testing.assert_allclose(read.relations.q, [[0.5, -0.1, -0.2], [1, 0, 0]])
+    assert tmp_path / "log.relations" in read.sources
+    assert not read.warnings
+
+
+def test_relations_of_other_scans_are_left_out_and_said(tmp_path: Path) -> None:
+    read = relations(tmp_path, "5.5 7.5 0.5 0 0 0 0 0", "5.5 99 1 0 0 0 0 0", "7.5 5.5 1 0 0 0 0 0")
+    assert read.relations is not None
+    assert len(read.relations.t) == 1
+    assert read.warnings == ("log.relations: 2 of 3 relations are of no two scans",)
+    read = relations(tmp_path, "50 51 0.5 0 0 0 0 0")
+    assert read.relations is None
+    assert read.warnings
+
+
+@pytest.mark.parametrize("line", ["5.5 7.5 0.5 0.1", "one two", "5.5 7.5 nan 0 0 0 0 0"])
+def test_a_file_that_is_none_of_relations_is_an_error(tmp_path: Path, line: str) -> None:
+    with pytest.raises(DataError, match="relation"):
+        relations(tmp_path, line)
+
+
+def test_scans_are_stamped_when_they_have_come_in(tmp_path: Path) -> None:
+    read = log(tmp_path, odom(0), odom(1), laser(0.5, 1, 2))
+    assert read.sensors["scans"].time_offset_sigma_s > 0.0
+    assert read.sensors["odometry"].time_offset_sigma_s == 0.0
+
+
+def card(folder: Path, **sensors: object) -> Path:
+    path = folder / "card.yaml"
+    path.write_text(yaml.safe_dump({"mission": {"sensors": sensors}}))
+    return path
+
+
+def test_a_card_mounts_the_laser(tmp_path: Path) -> None:
+    """Two beams, to starboard and ahead; the laser is turned to starboard and 0.2 m ahead."""
+    log(tmp_path, odom(0), odom(1), laser(0.5, 1, 2))
+    scans = {
+        "xyz_m": [0.2, 0, 0],
+        "rpy_deg": [0, 0, 90],
+        "noise": {"sigma_range_m": 0.07},
+        "time_offset": {"value_s": 0.25, "sigma_s": 0.3, "estimate": True},
+    }
+    read = open_mission(tmp_path / "log.clf", card=card(tmp_path, scans=scans))
+    laser_ = read.sensors["scans"]
+    np.testing.assert_allclose(scans_of(read).points_b, [[-0.8, 0], [0.2, 2]], atol=1e-12)
+    assert scans_of(read).t[0] == pytest.approx(0.25)
+    assert laser_.time_offset_sigma_s == 0.3
+    assert laser_.noise["sigma_range_m"] == 0.07
+    assert "sigma_bearing_deg" in laser_.noise
+    assert tmp_path / "card.yaml" in read.sources
+
+
+@pytest.mark.parametrize(
+    ("sensors", "message"),
+    [
+        ({"lidar": {"type": "scans"}}, "no sensor 'lidar'; the choices are: odometry, scans"),
+        ({"scans": {"type": "beams"}}, "'scans' is of type scans, not beams"),
+        ({"scans": {"yaw_deg": 3}}, "unknown key 'yaw_deg'"),
+    ],
+)
+def test_a_card_that_does_not_fit_is_told_the_choices(
+    tmp_path: Path, sensors: dict[str, object], message: str
+) -> None:
+    log(tmp_path, odom(0), odom(1), laser(0.5, 1, 2))
+    with pytest.raises(DataError, match=message):
+        open_mission(tmp_path / "log.clf", card=card(tmp_path, **sensors))
 
 
 @pytest.mark.realdata

@@ -119,15 +119,6 @@ def test_ply_and_pcd_with_times(tmp_path: Path, suffix: str) -> None:
     np.testing.assert_allclose(read.offset_s, TIMES[[0, 2]], atol=1e-6)
 
 
-@pytest.mark.usefixtures("open3d_here")
-@pytest.mark.parametrize("suffix", [".ply", ".pcd"])
-def test_a_damaged_ply_or_pcd_is_named(tmp_path: Path, suffix: str) -> None:
-    path = tmp_path / f"cloud{suffix}"
-    path.write_bytes(b"ply\nformat ascii 1.0\nelement vertex 7\nend_header\n1 2")
-    with pytest.raises(DataError, match="no points"):
-        read_cloud(path)
-
-
 @pytest.mark.parametrize(
     ("points", "offsets"),
     [(np.zeros((3, 2)), None), (np.zeros((3, 3)), np.zeros(2)), (POINTS, None)],

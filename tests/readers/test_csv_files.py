@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from missions import one_sensor_folder
 
 from gtsam_nav.errors import ConfigError, DataError
 from gtsam_nav.readers import describe, open_mission
-from gtsam_nav.series import DepthSeries, HeadingSeries, ImuSeries
+from gtsam_nav.series import DepthSeries, DvlSeries, HeadingSeries, ImuSeries
 
 IMU = {
     "file": "flight.csv",
@@ -92,8 +93,17 @@ def test_a_mission_folder_may_map_its_columns_too(tmp_path: Path) -> None:
     np.testing.assert_allclose(heading.heading, [0.5, 1.0])
 
 
+def test_a_dvl_without_a_column_for_it_is_valid_throughout(tmp_path: Path) -> None:
+    (tmp_path / "dvl.csv").write_text("t,vx,vy,vz\n0,1,2,3\n1,1,2,3\n2,1,2,3\n")
+    dvl = open_mission(tmp_path, card=card(tmp_path, dvl={"file": "dvl.csv"})).sensors["dvl"].series
+    assert isinstance(dvl, DvlSeries)
+    assert dvl.valid.tolist() == [True] * 3
+
+
 def test_without_a_card_the_files_are_listed(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match=r"a card must say .* depth.csv, flight.csv .* -c"):
+    with pytest.raises(
+        DataError, match=r"a card must say .* -c, as in mission: \{sensors: .*depth.csv"
+    ):
         open_mission(files(tmp_path))
     contents = describe(tmp_path)
     assert contents is not None
@@ -120,9 +130,9 @@ def test_a_map_that_does_not_fit_is_told_the_choices(
         open_mission(files(tmp_path), card=card(tmp_path, imu=entry))
 
 
-def test_a_format_that_describes_itself_takes_no_card(tmp_path: Path) -> None:
-    (tmp_path / "dvl.txt").write_text(
-        '{"time": 1, "vx": 1, "vy": 1, "vz": 1, "fom": 1, "altitude": 1, "velocity_valid": true}\n'
-    )
+def test_a_folder_that_describes_itself_takes_no_card(tmp_path: Path) -> None:
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    one_sensor_folder(folder, "depth", "t,depth_m,sigma\n0,1,0.1\n1,2,0.1\n")
     with pytest.raises(ConfigError, match="'mission' is for a ROS bag, CSV with a card"):
-        open_mission(tmp_path / "dvl.txt", card=card(tmp_path, imu=IMU))
+        open_mission(folder, card=card(tmp_path, imu=IMU))

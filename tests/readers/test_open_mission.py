@@ -38,6 +38,23 @@ def test_the_one_mission_in_a_folder_is_opened(tmp_path: Path) -> None:
         open_mission(tmp_path)
 
 
+def test_missions_two_folders_down_are_listed(tmp_path: Path) -> None:
+    mission = simulate("laps", seed=1, duration_s=5.0)
+    for name in ("one/monday", "one/tuesday", "friday"):
+        write_mission(mission, tmp_path / "all" / name)
+    (tmp_path / "all" / "notes").mkdir()
+    with pytest.raises(DataError, match=r"holds 3 missions; .*: friday, one/monday, one/tuesday"):
+        open_mission(tmp_path / "all")
+
+
+@pytest.mark.parametrize("columns", [8, 12])
+def test_a_trajectory_is_no_mission_and_evaluate_is_named(tmp_path: Path, columns: int) -> None:
+    path = tmp_path / "track.txt"
+    path.write_text("# a comment\n" + 3 * (" ".join(["0.5"] * columns) + "\n"))
+    with pytest.raises(DataError, match="a trajectory and no mission: 'gtsam-nav evaluate"):
+        open_mission(path)
+
+
 def test_an_absent_path_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="no such file or folder"):
         open_mission(tmp_path / "absent")

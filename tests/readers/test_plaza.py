@@ -102,7 +102,7 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
         ({"DR": None}, "holds no table DR"),
         ({"TD": None}, "holds no table TD"),
         ({"TD": [[1, 2, 3]]}, "TD must be a table of time, transmitter, beacon, range"),
-        ({"DR": "text"}, "DR must be a table of time, distance, turn"),
+        ({"DR": "text"}, "holds no table DR of time, distance, turn"),
         ({"TL": [[1, 0, 0], [1, 2, 2]]}, "TL gives a beacon twice"),
         ({"TL": [[1.5, 0, 0]]}, "beacons with a fraction"),
     ],

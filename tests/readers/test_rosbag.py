@@ -146,6 +146,16 @@ def test_several_ros1_files_are_one_bag(tmp_path: Path) -> None:
     assert {p.name for p in two.sources} == {"a.bag", "b.bag"}
 
 
+def test_bags_of_several_outings_are_several_missions(tmp_path: Path) -> None:
+    m = Messages("ros1")
+    later = [("/imu/data", IMU, 500.0 + 0.1 * k, m.imu(500.0 + 0.1 * k)) for k in range(30)]
+    write_bag(tmp_path / "a", "ros1", still(m))
+    write_bag(tmp_path / "b", "ros1", later)
+    for reads in (open_mission, describe):
+        with pytest.raises(DataError, match=r"holds 2 missions.*name one.*: a\.bag; b\.bag"):
+            reads(tmp_path)
+
+
 def still(m: Messages, topic: str = "/imu/data", n: int = 30, **given: Any) -> list[Message]:
     """An IMU at 10 Hz."""
     return [(topic, IMU, 0.1 * k, m.imu(0.1 * k, **given)) for k in range(n)]
@@ -381,6 +391,22 @@ def test_numbers_become_depths_by_the_card(tmp_path: Path) -> None:
     np.testing.assert_allclose(depth.depth_m, 0.77)
 
 
+@pytest.mark.parametrize(
+    ("entry", "said"),
+    [
+        ({}, "lacks scale and offset_m: depth = scale"),
+        ({"scale": 0.01}, "lacks offset_m"),
+        ({"scale": 0.01, "offset_m": 0.0, "stamp": "header"}, "have no header; .* are: log"),
+    ],
+)
+def test_bare_numbers_are_no_metres_unless_a_card_says_so(
+    tmp_path: Path, entry: dict[str, Any], said: str
+) -> None:
+    name = "std_msgs/msg/Float64"
+    with pytest.raises(DataError, match=f"'depth': .*'/counts'.* {said}"):
+        read_one(tmp_path, "/counts", name, "depth", lambda _: {"data": 177.0}, **entry)
+
+
 def test_what_a_message_says_it_does_not_have_is_counted(tmp_path: Path) -> None:
     name = "sensor_msgs/msg/NavSatFix"
 
@@ -409,13 +435,17 @@ def test_a_bag_that_is_cut_off_is_an_error_with_a_remedy(
     file = path if path.is_file() else next(p for p in path.iterdir() if p.suffix != ".yaml")
     whole = file.read_bytes()
     file.write_bytes(whole[: int(share * len(whole))])
-    with pytest.raises(DataError, match=r"(damaged|cannot be opened).*reindex"):
+    remedy = "reindex" if share else "is empty"
+    with pytest.raises(DataError, match=f"(damaged|cannot be opened).*{remedy}"):
         open_mission(path)
 
 
 def test_bytes_that_are_no_bag(tmp_path: Path) -> None:
     (tmp_path / "x.bag").write_bytes(b"#ROSBAG V2.0\n" + bytes(range(256)) * 20)
     with pytest.raises(DataError, match="cannot be opened"):
+        open_mission(tmp_path / "x.bag")
+    (tmp_path / "x.bag").write_text("a letter to my bank")
+    with pytest.raises(DataError, match=r"does not begin like one$"):
         open_mission(tmp_path / "x.bag")
 
 

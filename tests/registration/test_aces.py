@@ -1,4 +1,4 @@
-"""pIC on a recorded 2-D laser log: surveyed relations between consecutive scans."""
+"""A recorded 2-D laser log by default settings, against surveyed relations between its scans."""
 
 from __future__ import annotations
 
@@ -8,20 +8,8 @@ import numpy as np
 import pytest
 
 import gtsam_nav as gn
-from benchmarks.aces import (
-    CONSECUTIVE_S,
-    LASER,
-    Relations,
-    between,
-    errors,
-    estimated,
-    read_log,
-    read_relations,
-    registered,
-    scans_of,
-)
+from benchmarks.aces import near_relations, registered
 from gtsam_nav.config import Config
-from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission
 
 pytestmark = pytest.mark.realdata
@@ -29,27 +17,14 @@ pytestmark = pytest.mark.realdata
 
 @pytest.fixture(scope="module")
 def log(recorded_data: Path) -> Mission:
-    return read_log(recorded_data / "carmen" / "aces.clf.bz2")
+    return gn.open_mission(recorded_data / "carmen" / "aces.clf.bz2")
 
 
-@pytest.fixture(scope="module")
-def relations(recorded_data: Path, log: Mission) -> Relations:
-    t = scans_of(log).series.t
-    return read_relations(recorded_data / "carmen" / "aces.relations", t)
-
-
-@pytest.fixture(scope="module")
-def odometry(log: Mission) -> Array:
-    return estimated(log, "dr", Config())
-
-
-@pytest.mark.parametrize("overrides", [(), LASER])
-def test_consecutive_relations(
-    log: Mission, odometry: Array, relations: Relations, overrides: tuple[str, ...]
-) -> None:
-    near = relations.select(relations.elapsed_s < CONSECUTIVE_S)
-    assert len(near.a) == 1189
-    found = errors(registered(scans_of(log), odometry, near, gn.load_config(None, overrides)), near)
+def test_consecutive_relations(log: Mission) -> None:
+    near = near_relations(log)
+    assert len(near.t) == 1189
+    found = registered(log, near, Config())
+    assert found is not None
     assert found.median_m <= 0.027
     assert found.median_deg <= 0.25
     assert found.p95_m <= 0.09
@@ -57,15 +32,21 @@ def test_consecutive_relations(
 
 
 @pytest.mark.slow
-def test_the_whole_log_closes_its_loops(
-    log: Mission, odometry: Array, relations: Relations
-) -> None:
-    far = relations.select(relations.elapsed_s >= CONSECUTIVE_S)
-    assert len(far.a) == 90
-    drifted = errors(between(odometry, far.a, far.b), far)
-    poses = estimated(log, "graph", gn.load_config(None, LASER))
-    found = errors(between(poses, far.a, far.b), far)
-    assert np.isfinite(poses).all()
-    assert drifted.median_m > 2.0
-    # the median only: a stretch whose loops are not found stays metres off
-    assert found.median_m <= 0.15
+def test_the_whole_log_closes_its_loops(log: Mission) -> None:
+    drifted = gn.evaluate(gn.estimate(log, "dr")).relations
+    solution = gn.estimate(log, "graph")
+    found = gn.evaluate(solution).relations
+    assert drifted is not None
+    assert found is not None
+    assert drifted.loops is not None
+    assert found.loops is not None
+    assert found.loops.n == drifted.loops.n == 90
+    assert drifted.loops.median_m > 2.0
+    assert found.loops.median_m <= 0.15
+    assert found.loops.p95_m <= 0.5
+    assert found.loops.p95_deg <= 4.0
+    # the scans were stamped when they had come in
+    (clock,) = solution.clock_offsets
+    assert clock.sensor == "scans"
+    assert -0.12 < clock.offset_s < -0.05
+    assert np.all(np.isfinite(solution.trajectory.p_n))

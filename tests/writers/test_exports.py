@@ -12,8 +12,10 @@ from gtsam_nav.config import Config
 from gtsam_nav.errors import ConfigError, DataError
 from gtsam_nav.frames import ENU_FROM_NED
 from gtsam_nav.writers.exports import FORMATS, export_run
+from gtsam_nav.writers.frame import Frame
 from gtsam_nav.writers.pose_graph import read_pose_graph
 from gtsam_nav.writers.run_folder import write_run
+from gtsam_nav.writers.trajectories import read_trajectory
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +28,7 @@ def test_formats_are_those_of_the_command_line() -> None:
 
 
 def test_ned_exports_repeat_the_run(run: Path) -> None:
-    paths = dict(zip(FORMATS, export_run(run, list(FORMATS)), strict=True))
+    paths = {name: export_run(run, [name])[0] for name in FORMATS}
     assert {path.parent for path in paths.values()} == {run / "export"}
     for name in ("geojson", "ply"):
         assert paths[name].read_bytes() == (run / paths[name].name).read_bytes()
@@ -47,13 +49,23 @@ def test_ned_exports_repeat_the_run(run: Path) -> None:
 
 
 def test_enu_exports_have_their_own_names(run: Path) -> None:
-    tum, kitti, g2o, ply = export_run(run, ["tum", "kitti", "g2o", "ply"], "enu")
-    assert [p.name for p in (tum, kitti, g2o, ply)] == [
-        "trajectory_enu.tum", "trajectory_enu.kitti", "graph_enu.g2o", "map_enu.ply",
+    paths = export_run(run, ["tum", "kitti", "g2o", "ply"], "enu")
+    assert [path.name for path in paths] == [
+        "trajectory_enu.tum", "trajectory_enu.kitti", "times.txt", "graph_enu.g2o", "map_enu.ply",
     ]  # fmt: skip
+    tum, kitti, *_ = paths
     p_enu, p_n = np.loadtxt(tum)[:, 1:4], np.loadtxt(run / "trajectory.tum")[:, 1:4]
     np.testing.assert_allclose(p_enu, p_n @ ENU_FROM_NED)
     np.testing.assert_allclose(np.loadtxt(kitti)[:, [3, 7, 11]], p_enu)
+
+
+@pytest.mark.parametrize("frame", ["ned", "enu"])
+def test_kitti_reads_back_with_its_times(run: Path, frame: Frame) -> None:
+    kitti, tum = (export_run(run, [name], frame)[0] for name in ("kitti", "tum"))
+    one, two = read_trajectory(kitti, frame), read_trajectory(tum, frame)
+    np.testing.assert_array_equal(one.t, two.t)
+    np.testing.assert_array_equal(one.p_n, two.p_n)
+    np.testing.assert_allclose(one.R_nb, two.R_nb, atol=1e-12)
 
 
 def test_unknown_formats_and_frames_name_the_choices(run: Path) -> None:

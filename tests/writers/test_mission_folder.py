@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from missions import every_sensor_mission, every_series
 
-from gtsam_nav.errors import OutputError
+from gtsam_nav.errors import DataError, OutputError
 from gtsam_nav.frames import Origin, rotation_from_rpy
-from gtsam_nav.mission import Mission, Sensor
+from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.readers import open_mission
 from gtsam_nav.series import (
     CloudSeries,
@@ -95,6 +95,37 @@ def test_a_mission_with_every_sensor_reads_back_equal(tmp_path: Path) -> None:
         np.testing.assert_array_equal(
             getattr(read.landmark_map, name), getattr(mission.landmark_map, name)
         )
+
+
+def test_what_the_source_lost_is_remembered(tmp_path: Path) -> None:
+    depth = Sensor("depth", "depth", every_series(tmp_path)["depth"])
+    lost = (
+        Rejection(1.25, "depth", 7, "non-finite depth_m"),
+        Rejection(float("nan"), "two\nlines, quoted", 0, "no stamp"),
+    )
+    write_mission(Mission("lossy", {"depth": depth}, rejections=lost), tmp_path / "mission")
+    read = open_mission(tmp_path / "mission")
+    shift_s = float(depth.series.t[0])
+    assert read.rejections[0] == replace(lost[0], t=1.25 - shift_s)
+    assert [r.sensor for r in read.rejections] == [r.sensor for r in lost]
+    assert np.isnan(read.rejections[1].t)
+    # again and again
+    write_mission(read, tmp_path / "mission")
+    assert open_mission(tmp_path / "mission").dropped == read.dropped
+    (tmp_path / "mission" / "rejections.csv").write_text("t,sensor,index,reason\n1,depth,x,y\n")
+    with pytest.raises(DataError, match=r"rejections\.csv:2: not a rejected sample"):
+        open_mission(tmp_path / "mission")
+
+
+def test_files_beside_those_of_a_mission_are_kept(tmp_path: Path) -> None:
+    mission = Mission("m", {"depth": Sensor("depth", "depth", every_series(tmp_path)["depth"])})
+    write_mission(mission, tmp_path / "mission")
+    notes = tmp_path / "mission" / "depth" / "notes.txt"
+    notes.parent.mkdir()
+    notes.write_text("calibrated in May")
+    with pytest.raises(OutputError, match="is no mission folder"):
+        write_mission(mission, tmp_path / "mission")
+    assert notes.read_text() == "calibrated in May"
 
 
 @pytest.mark.parametrize("name", ["\x85", "a\u2028b", "\u2029", "P\xeache n\xb0 1", "two\nlines"])

@@ -203,6 +203,7 @@ def test_text_trajectories_come_back_from_both_frames(
 def test_kitti_needs_its_times_and_rotations(tmp_path: Path, trajectory: Trajectory) -> None:
     path = tmp_path / "a.kitti"
     write_kitti(trajectory, path)
+    (tmp_path / "times.txt").unlink()
     with pytest.raises(DataError, match=r"times.txt beside it is needed"):
         read_kitti(path)
     (tmp_path / KITTI_TIMES).write_text("0\n1\n")

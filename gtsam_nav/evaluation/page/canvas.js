@@ -41,7 +41,10 @@ function onGround(colour) {
 }
 
 function figure(value, digits) {
-  return value === null || !Number.isFinite(value) ? "–" : value.toFixed(digits).replace("-", "−");
+  if (value === null || !Number.isFinite(value)) return "–";
+  // what rounds to zero has no sign
+  const shown = Math.abs(value) < 0.5 * 10 ** -digits ? 0 : value;
+  return shown.toFixed(digits).replace("-", "−");
 }
 
 // Round numbers between two limits, about a step of so many apart, and how many decimals they have.

@@ -110,7 +110,7 @@ class Chart {
       const x = this.#toX(value);
       context.moveTo(x, GUTTER.top);
       context.lineTo(x, height - GUTTER.bottom);
-      context.fillText(`${figure(value, horizontal.digits)} s`, Math.min(x, width - 22), height - 4);
+      context.fillText(`${figure(value, horizontal.digits)} s`, Math.min(x, width - 30), height - 4);
     }
     context.textAlign = "left";
     context.stroke();

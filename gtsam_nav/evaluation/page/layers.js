@@ -34,7 +34,7 @@ function planLayers(plan, colours, state) {
 function mapLayer(map) {
   return {
     key: "map",
-    label: `sonar map (${map.method})`,
+    label: `${map.name} (${map.method})`,
     mark: "dots",
     colour: () => themed("echo"),
     visible: true,

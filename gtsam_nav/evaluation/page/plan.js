@@ -115,7 +115,9 @@ class Plan {
       const [x] = view.toScreen(0, e);
       context.moveTo(x, 0);
       context.lineTo(x, height);
-      context.fillText(figure(e, digits), x + 3, height - 5);
+      const label = figure(e, digits);
+      const fits = x + 3 + context.measureText(label).width <= width;
+      if (fits) context.fillText(label, x + 3, height - 5);
     }
     for (const n of lines(lowN, highN)) {
       const [, y] = view.toScreen(n, 0);
@@ -127,6 +129,8 @@ class Plan {
     context.textAlign = "right";
     context.fillText("north up, m", width - 6, 14);
     context.textAlign = "left";
+    context.fillText("east, m", width / 2, height - 18);
+    context.fillText("north, m", 4, 14);
   }
 
   #listen() {

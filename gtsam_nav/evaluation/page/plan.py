@@ -18,7 +18,7 @@ from gtsam_nav.evaluation.page.columns import (
     packed,
     packed_path,
 )
-from gtsam_nav.evaluation.tracks import Track, track_of
+from gtsam_nav.evaluation.tracks import Track, map_name, track_of
 from gtsam_nav.mission import Mission
 from gtsam_nav.series import GnssSeries
 from gtsam_nav.solution import LoopClosure, Solution
@@ -139,7 +139,8 @@ def _map(track: Track) -> Document | None:
         return None
     which = every_nth(len(sonar_map.t), MOST_ECHOES)
     path = packed_path(sonar_map.t[which], track.place(sonar_map.points_n[which]))
-    return {"method": track.solution.method, **path}
+    name = map_name(track.solution.mission)
+    return {"method": track.solution.method, "name": name, **path}
 
 
 def _fixes(solution: Solution) -> Document:

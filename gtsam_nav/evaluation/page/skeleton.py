@@ -86,7 +86,8 @@ def sonar_viewer(sonar: Document | None) -> Html:
         _box("sonar-pair", "Pair of a loop: the old scan dark, the new one in colour.", verdict),
         class_="scans",
     )
-    title = element("h2", f"Scans of {sonar['sensor']} ({sonar['method']})", label)
+    of = "" if sonar["sensor"] == "scans" else f" of {sonar['sensor']}"
+    title = element("h2", f"Scans{of} ({sonar['method']})", label)
     return element("section", title, boxes, id="sonar", hidden="")
 
 

@@ -22,7 +22,7 @@ from gtsam_nav.evaluation.plots.style import (
     method_colour,
     new_figure,
 )
-from gtsam_nav.evaluation.tracks import Track, track_of
+from gtsam_nav.evaluation.tracks import Track, map_name, track_of
 from gtsam_nav.frames import Array
 from gtsam_nav.series import GnssSeries
 from gtsam_nav.solution import Solution
@@ -65,7 +65,7 @@ def plan_view(solutions: Sequence[Solution]) -> Figure:
             markersize=1.3,
             color=ECHO,
             alpha=0.45,
-            label=f"sonar map ({owner.solution.method})",
+            label=f"{map_name(owner.solution.mission)} ({owner.solution.method})",
         )
     looped = next((track for track in tracks if track.solution.loops), None)
     if looped is not None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from gtsam_nav.evaluation.histories import line_starts
 from gtsam_nav.frames import Array
+from gtsam_nav.writers.atomic import replacing_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,7 +20,7 @@ MUTED = "#6b7785"
 GRID = "#e4e8ec"
 REFERENCE = "#1d2733"
 ACCEPTED = "#009e73"
-REJECTED = "#d55e00"
+REJECTED = "#9f1fdf"
 _METHODS = {
     "graph": "#1f6fb2",
     "dr": "#e07b1a",
@@ -28,7 +28,7 @@ _METHODS = {
     "pose-ekf": "#3ead80",
     "scan-match": "#9d433e",
     "landmark-ekf": "#a98ae2",
-    "kiss": "#0c00d8",
+    "kiss": "#851313",  # far from graph's: scan-match, the nearest, needs a sonar and it a lidar
 }
 
 DPI = 130
@@ -90,8 +90,7 @@ def broken(t: Array, *values: Array) -> list[Array]:
 
 def save_png(figure: Figure, path: Path) -> Path:
     """Write a figure; the same figure gives the same bytes. Whole or not at all."""
-    draft = path.with_name(f".{path.name}.draft")
-    # tight: legends and labels that stand beside the axes are not cut
-    figure.savefig(draft, format="png", facecolor="white", bbox_inches="tight", pad_inches=0.15)
-    os.replace(draft, path)  # noqa: PTH105
+    with replacing_file(path) as draft:
+        # tight: legends and labels that stand beside the axes are not cut
+        figure.savefig(draft, format="png", facecolor="white", bbox_inches="tight", pad_inches=0.15)
     return path

@@ -1,0 +1,84 @@
+"""Correlative registration: the best of all poses, and none where another is as good."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from gtsam_nav.frames import Array
+from gtsam_nav.registration.correlative import _bound, search, thinned
+from gtsam_nav.registration.settings import CorrelativeSettings
+from gtsam_nav.sonar.scans import planar_rotations
+
+SETTINGS = CorrelativeSettings()
+VAGUE = np.diag([2.0, 2.0, np.radians(8.0)]) ** 2
+
+
+def wall(a: tuple[float, float], b: tuple[float, float]) -> Array:
+    n = int(np.hypot(b[0] - a[0], b[1] - a[1]) / 0.1)
+    return np.linspace(a, b, n)
+
+
+def room() -> Array:
+    """Of no symmetry: an L with a niche."""
+    corners = [(-6, -4), (7, -4), (7, 1), (2, 1), (2, 6), (-2, 6), (-2, 4), (-6, 4), (-6, -4)]
+    return np.concatenate([wall(a, b) for a, b in pairwise(corners)])
+
+
+def seen_from(xy: Array, q: Array) -> Array:
+    return (xy - q[:2]) @ planar_rotations(q[2])
+
+
+@pytest.mark.parametrize("q", [(0.0, 0.0, 0.0), (2.3, -1.7, 0.31), (-3.1, 2.6, -0.4)])
+def test_the_pose_is_found_from_afar(q: tuple[float, float, float]) -> None:
+    true = np.array(q)
+    found = search(room(), seen_from(room(), true), np.zeros(3), VAGUE, SETTINGS)
+    assert found.failure == ""
+    assert np.hypot(*(found.q - true)[:2]) < 2 * SETTINGS.cell_m
+    assert abs(found.q[2] - true[2]) < 0.05
+    assert found.score > 0.7
+
+
+def test_a_pose_beyond_what_the_prior_allows_is_not_found() -> None:
+    sure = np.diag([0.2, 0.2, np.radians(1.0)]) ** 2
+    found = search(
+        room(), seen_from(room(), np.array([4.0, 0.0, 0.0])), np.zeros(3), sure, SETTINGS
+    )
+    assert found.failure.startswith("score")
+    assert np.hypot(*found.q[:2]) < 1.5
+
+
+def test_a_corridor_tells_nothing_of_the_way_along_it() -> None:
+    corridor = np.concatenate([wall((-20, -1), (20, -1)), wall((-20, 1), (20, 1))])
+    near = corridor[np.abs(corridor[:, 0]) < 8]
+    found = search(corridor, near, np.array([0.5, 0.0, 0.0]), VAGUE, SETTINGS)
+    assert found.failure.startswith("ambiguous")
+
+
+def test_the_search_has_its_reach() -> None:
+    near = CorrelativeSettings(reach_m=2.0)
+    new = seen_from(room(), np.array([4.0, 0.0, 0.0]))
+    assert search(room(), new, np.zeros(3), 25.0 * VAGUE, near).failure
+    far = CorrelativeSettings(reach_m=8.0)
+    assert search(room(), new, np.zeros(3), 25.0 * VAGUE, far).q[0] == pytest.approx(4.0, abs=0.3)
+
+
+def test_nothing_in_common_is_no_match() -> None:
+    found = search(room(), room() + np.array([500.0, 0.0]), np.zeros(3), VAGUE, SETTINGS)
+    assert found.score == 0.0
+    assert found.failure.startswith("score 0.00")
+
+
+def test_blocks_bound_what_is_in_them() -> None:
+    field = np.random.default_rng(0).random((20, 13))
+    bound = _bound(field)
+    for i, j in [(0, 0), (5, 7), (19, 12), (16, 3)]:
+        assert bound[i, j] == field[i : i + 4, j : j + 4].max()
+
+
+def test_thinned_points_are_the_means_of_their_cells() -> None:
+    xy = np.array([[0.1, 0.1], [0.3, 0.1], [1.2, 0.4], [-0.1, 0.2]])
+    thin = thinned(xy, 1.0)
+    np.testing.assert_allclose(sorted(thin.tolist()), [[-0.1, 0.2], [0.2, 0.1], [1.2, 0.4]])
