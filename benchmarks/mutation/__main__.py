@@ -88,7 +88,12 @@ def record(outcome: Outcome) -> dict[str, object]:
         "killed": outcome.killed,
         "interval95": outcome.interval(),
         "survivors": [
-            {"path": str(each.path), "line": each.line, "operator": each.operator, "diff": each.diff}
+            {
+                "path": str(each.path),
+                "line": each.line,
+                "operator": each.operator,
+                "diff": each.diff,
+            }
             for each in outcome.survivors
         ],
     }

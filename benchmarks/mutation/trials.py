@@ -119,7 +119,9 @@ class _Finder(importlib.abc.MetaPathFinder):
         self._name = ".".join(mutant.path.with_suffix("").parts).removesuffix(".__init__")
         self._source = mutant.source
 
-    def find_spec(self, fullname: str, path: object = None, target: object = None) -> ModuleSpec | None:
+    def find_spec(
+        self, fullname: str, path: object = None, target: object = None
+    ) -> ModuleSpec | None:
         if fullname != self._name:
             return None
         loader = _Loader(fullname, self._path, self._source)

@@ -70,7 +70,8 @@ def odds_at(grid: OccupancyGrid, north: float, east: float) -> float:
 def test_odds_are_those_of_octomap_and_limited_to_its_confidence() -> None:
     seen = [(10.1, 0.1, k / 10) for k in range(20)]
     once, often = (
-        occupancy_grid(map_of(*echoes), at_rest(0.1, 0.1), np.zeros(3)) for echoes in (seen[:1], seen)
+        occupancy_grid(map_of(*echoes), at_rest(0.1, 0.1), np.zeros(3))
+        for echoes in (seen[:1], seen)
     )
     np.testing.assert_allclose([odds_at(once, 5.1, 0.1), odds_at(once, 10.1, 0.1)], [-0.4, 0.85])
     np.testing.assert_allclose([odds_at(often, 5.1, 0.1), odds_at(often, 10.1, 0.1)], [-2.0, 3.5])

@@ -19,7 +19,11 @@ from gtsam_nav.sonar.settings import ScanSettings, SegmentationSettings
         (SegmentationSettings, {"min_range_m": 59.9}, {"min_range_m": 61.0}),
         (SegmentationSettings, {"threshold_sigmas": 0.1}, {"threshold_sigmas": 0.0}),
         (SegmentationSettings, {"min_intensity": 1}, {"min_intensity": 0}),
-        (SegmentationSettings, {"min_intensity": 255, "max_threshold": 255}, {"max_threshold": 256}),
+        (
+            SegmentationSettings,
+            {"min_intensity": 255, "max_threshold": 255},
+            {"max_threshold": 256},
+        ),
         (SegmentationSettings, {"min_intensity": 150}, {"min_intensity": 151}),
         (SegmentationSettings, {"min_intensity": 1, "max_threshold": 1}, {"max_threshold": 39}),
         (SegmentationSettings, {"min_separation_m": 0.1}, {"min_separation_m": 0.0}),
