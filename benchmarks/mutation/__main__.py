@@ -17,8 +17,8 @@ from pathlib import Path
 
 from scipy.stats import binomtest
 
-from benchmarks.mutation.mutants import Mutant, sample
-from benchmarks.mutation.trials import baseline_s, survives, tests_of
+from benchmarks.mutation.mutants import sample
+from benchmarks.mutation.trials import Mutant, baseline_s, survives, tests_of
 
 PACKAGES = ("sensors", "registration", "sonar", "evaluation")
 TARGET = 0.85

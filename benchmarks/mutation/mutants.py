@@ -6,7 +6,6 @@ import ast
 import random
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from difflib import unified_diff
 from functools import cache
 from pathlib import Path
@@ -15,6 +14,8 @@ from cosmic_ray.ast import ast_nodes, get_ast
 from cosmic_ray.mutating import mutate_code
 from cosmic_ray.operators.operator import Operator
 from cosmic_ray.plugins import get_operator, operator_names
+
+from benchmarks.mutation.trials import Mutant
 
 KINDS = (
     {"Add", "Sub", "Mul", "Div", "FloorDiv", "Mod", "Pow"},
@@ -25,31 +26,6 @@ KINDS = (
 )
 """Symbols that replace each other. What floats or arrays refuse at once, such as ``<<`` for ``*``,
 would only count how many lines are run."""
-
-
-@dataclass(frozen=True)
-class Mutant:
-    """One change to one module.
-
-    Attributes
-    ----------
-    path : Path
-        Of the module, from the root of the project.
-    operator : str
-        cosmic-ray's name of the kind of change.
-    line : int
-        First line that differs, from 1.
-    source : str
-        The whole module, changed.
-    diff : str
-        Its lines that differ, before and after.
-    """
-
-    path: Path
-    operator: str
-    line: int
-    source: str
-    diff: str
 
 
 def sample(paths: Sequence[Path], size: int, seed: int) -> list[Mutant]:
@@ -156,5 +132,5 @@ def _mutant(path: Path, operator: str, source: str, mutated: str) -> Mutant:
     before, after = source.splitlines(), mutated.splitlines()
     lines = enumerate(zip(before, after, strict=False), start=1)
     line = next((number for number, (old, new) in lines if old != new), len(after))
-    changed = [each for each in unified_diff(before, after, n=0, lineterm="")][3:]
+    changed = list(unified_diff(before, after, n=0, lineterm=""))[3:]
     return Mutant(path, operator.removeprefix("core/"), line, mutated, "\n".join(changed))

@@ -9,6 +9,7 @@ import signal
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from importlib.machinery import ModuleSpec, SourceFileLoader
 from multiprocessing import get_context
 from pathlib import Path
@@ -16,8 +17,6 @@ from types import CodeType
 
 import pytest
 from hypothesis import Phase, settings
-
-from benchmarks.mutation.mutants import Mutant
 
 PRELOADED = ("numpy", "scipy.stats", "scipy.spatial", "numba", "gtsam", "open3d", "hypothesis")
 """Imported once for all the trials; never the package itself, which each of them mutates."""
@@ -29,6 +28,31 @@ PYTEST = ("-q", "-x", "-p", "no:cacheprovider", "-m", "not slow and not realdata
 _CONTEXT = get_context("forkserver")
 _CONTEXT.set_forkserver_preload(list(PRELOADED))
 os.environ.update(SETTINGS)
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One change to one module.
+
+    Attributes
+    ----------
+    path : Path
+        Of the module, from the root of the project.
+    operator : str
+        cosmic-ray's name of the kind of change.
+    line : int
+        First line that differs, from 1.
+    source : str
+        The whole module, changed.
+    diff : str
+        Its lines that differ, before and after.
+    """
+
+    path: Path
+    operator: str
+    line: int
+    source: str
+    diff: str
 
 
 def tests_of(path: Path) -> tuple[str, ...]:
@@ -119,9 +143,7 @@ class _Finder(importlib.abc.MetaPathFinder):
         self._name = ".".join(mutant.path.with_suffix("").parts).removesuffix(".__init__")
         self._source = mutant.source
 
-    def find_spec(
-        self, fullname: str, path: object = None, target: object = None
-    ) -> ModuleSpec | None:
+    def find_spec(self, fullname: str, *_: object) -> ModuleSpec | None:
         if fullname != self._name:
             return None
         loader = _Loader(fullname, self._path, self._source)
@@ -136,4 +158,4 @@ class _Loader(SourceFileLoader):
         self._source = source
 
     def get_code(self, fullname: str) -> CodeType:
-        return self.source_to_code(self._source, self.path)
+        return self.source_to_code(self._source, self.get_filename(fullname))
