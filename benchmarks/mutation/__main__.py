@@ -23,7 +23,7 @@ from benchmarks.mutation.trials import Mutant, baseline_s, survives, tests_of
 PACKAGES = ("sensors", "registration", "sonar", "evaluation")
 TARGET = 0.85
 """Least share of the mutants that the tests kill."""
-PATIENCE = 4.0
+PATIENCE = 3.0
 """A mutant whose tests take so many times as long as without it hangs: it is noticed."""
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from importlib.machinery import ModuleSpec, SourceFileLoader
 from multiprocessing import get_context
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import CodeType
 
 import pytest
@@ -20,8 +21,14 @@ from hypothesis import Phase, settings
 
 PRELOADED = ("numpy", "scipy.stats", "scipy.spatial", "numba", "gtsam", "open3d", "hypothesis")
 """Imported once for all the trials; never the package itself, which each of them mutates."""
-SETTINGS = {"NUMBA_DISABLE_JIT": "1", "OMP_NUM_THREADS": "1", "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
-"""The kernels as plain Python: a mutant of them acts at once, without compiling."""
+SETTINGS = {"OMP_NUM_THREADS": "1", "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
+PLAIN_KERNELS = {
+    "_peaks": "tests/sonar/test_echoes.py",
+    "_pic_kernel": "tests/registration/test_pic.py",
+    "_rays": "tests/sonar/test_occupancy.py",
+}
+"""Kernels that are quick enough as plain Python for their own tests: their mutants need not be
+compiled. Those of others are, each anew."""
 
 PYTEST = ("-q", "-x", "-p", "no:cacheprovider", "-m", "not slow and not realdata")
 
@@ -68,8 +75,10 @@ def tests_of(path: Path) -> tuple[str, ...]:
     tuple of str
         Arguments to pytest.
     """
+    if path.stem in PLAIN_KERNELS:
+        return (PLAIN_KERNELS[path.stem],)
     folder = Path("tests", path.parts[1])
-    named = sorted(folder.glob(f"test_*{path.stem.strip('_')}*.py"))
+    named = sorted(folder.glob(f"test_*{path.stem.strip('_').removesuffix('_kernel')}*.py"))
     return (*map(str, named), str(folder))
 
 
@@ -99,17 +108,20 @@ def survives(mutant: Mutant, tests: Sequence[str], timeout_s: float) -> bool:
 
 def _exit_code(mutant: Mutant | None, tests: Sequence[str], timeout_s: float | None) -> int | None:
     """Of pytest in a process of its own; None where it had to be stopped."""
-    process = _CONTEXT.Process(target=_trial, args=(mutant, tests))
-    process.start()
-    process.join(timeout_s)
-    if process.is_alive():
-        os.killpg(process.pid, signal.SIGKILL)
-        process.join()
-        return None
-    return process.exitcode
+    with TemporaryDirectory(ignore_cleanup_errors=True) as scratch:
+        process = _CONTEXT.Process(target=_trial, args=(mutant, tests, scratch))
+        process.start()
+        process.join(timeout_s)
+        if process.is_alive():
+            os.killpg(process.pid, signal.SIGKILL)
+            process.join()
+            return None
+        return process.exitcode
 
 
-def _trial(mutant: Mutant | None, tests: Sequence[str]) -> None:
+def _trial(mutant: Mutant | None, tests: Sequence[str], scratch: str) -> None:
+    import numba
+
     os.setsid()
     silence = os.open(os.devnull, os.O_WRONLY)
     for stream in (sys.stdout, sys.stderr):
@@ -117,8 +129,13 @@ def _trial(mutant: Mutant | None, tests: Sequence[str]) -> None:
     sys.dont_write_bytecode = True
     if mutant is not None:
         sys.meta_path.insert(0, _Finder(mutant))
+        numba.config.DISABLE_JIT = mutant.path.stem in PLAIN_KERNELS
+        if "njit" in mutant.source:
+            # what numba keeps of a kernel goes by its file, which is as it was
+            numba.config.CACHE_DIR = scratch
+    arguments = [*PYTEST, f"--basetemp={scratch}/pytest", *tests]
     # pytest's own code, whatever the modules left behind do when Python winds down
-    os._exit(pytest.main([*PYTEST, *tests], plugins=[_FirstFailure()]))
+    os._exit(pytest.main(arguments, plugins=[_FirstFailure()]))
 
 
 class _FirstFailure:
