@@ -18,7 +18,7 @@ from pathlib import Path
 from scipy.stats import binomtest
 
 from benchmarks.mutation.mutants import sample
-from benchmarks.mutation.trials import Mutant, baseline_s, survives, tests_of
+from benchmarks.mutation.trials import Mutant, baseline_s, mirroring_tests, survives
 
 PACKAGES = ("sensors", "registration", "sonar", "evaluation")
 TARGET = 0.85
@@ -57,10 +57,12 @@ def check(package: str, size: int, seed: int, jobs: int) -> Outcome:
     """Run a sample of a package's mutants."""
     begin = time.perf_counter()
     mutants = sample(modules(package), size, seed)
-    timeout_s = 10.0 + PATIENCE * baseline_s(tests_of(Path("gtsam_nav", package, "__init__.py")))
+    timeout_s = 10.0 + PATIENCE * baseline_s(
+        mirroring_tests(Path("gtsam_nav", package, "__init__.py"))
+    )
 
     def alive(mutant: Mutant) -> bool:
-        return survives(mutant, tests_of(mutant.path), timeout_s)
+        return survives(mutant, mirroring_tests(mutant.path), timeout_s)
 
     with ThreadPoolExecutor(jobs) as pool:
         outcomes = list(pool.map(alive, mutants))
@@ -110,6 +112,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     if unknown := sorted(set(options.packages) - set(PACKAGES)):
         parser.error(f"no such package: {', '.join(unknown)}; there are {', '.join(PACKAGES)}")
+    # before the first process loads its libraries: trials run beside each other
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
     outcomes = []
     for package in options.packages or PACKAGES:
         outcomes.append(check(package, options.sample, options.seed, options.jobs))

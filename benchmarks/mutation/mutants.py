@@ -105,7 +105,14 @@ def _executed(module: ast.Module) -> str:
 
 
 class _WithoutHints(ast.NodeTransformer):
-    """Drops what only the type checker reads, and numba's options: its compiler is off here."""
+    """Drops what only the type checker reads, among it how arguments are to be passed, and numba's
+    options: they change no result."""
+
+    def visit_arguments(self, node: ast.arguments) -> ast.AST:
+        node.args = [*node.posonlyargs, *node.args, *node.kwonlyargs]
+        node.defaults += [default for default in node.kw_defaults if default is not None]
+        node.posonlyargs, node.kwonlyargs, node.kw_defaults = [], [], []
+        return self.generic_visit(node)
 
     def visit_arg(self, node: ast.arg) -> ast.arg:
         node.annotation = None

@@ -21,7 +21,6 @@ from hypothesis import Phase, settings
 
 PRELOADED = ("numpy", "scipy.stats", "scipy.spatial", "numba", "gtsam", "open3d", "hypothesis")
 """Imported once for all the trials; never the package itself, which each of them mutates."""
-SETTINGS = {"OMP_NUM_THREADS": "1", "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
 PLAIN_KERNELS = {
     "_peaks": "tests/sonar/test_echoes.py",
     "_pic_kernel": "tests/registration/test_pic.py",
@@ -30,11 +29,13 @@ PLAIN_KERNELS = {
 """Kernels that are quick enough as plain Python for their own tests: their mutants need not be
 compiled. Those of others are, each anew."""
 
-PYTEST = ("-q", "-x", "-p", "no:cacheprovider", "-m", "not slow and not realdata")
+PYTEST = (
+    *("-q", "-x", "-m", "not slow and not realdata"),
+    *("-p", "no:cacheprovider", "--disable-plugin-autoload"),
+)
 
 _CONTEXT = get_context("forkserver")
 _CONTEXT.set_forkserver_preload(list(PRELOADED))
-os.environ.update(SETTINGS)
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class Mutant:
     diff: str
 
 
-def tests_of(path: Path) -> tuple[str, ...]:
+def mirroring_tests(path: Path) -> tuple[str, ...]:
     """Tests that mirror a module, those of its name first: most mutants die there.
 
     Parameters
