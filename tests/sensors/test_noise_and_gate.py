@@ -169,3 +169,9 @@ def test_names_of_figures_are_those_of_the_model_and_of_datasheets() -> None:
         "gyro_noise_density_deg_s_sqrt_hz",
     ]
     assert len(names) == 6 + 10
+
+
+@pytest.mark.parametrize("sensor_type", NOISE_MODELS)
+def test_defaults_are_within_their_own_limits(sensor_type: str) -> None:
+    model = NOISE_MODELS[sensor_type]
+    assert model.model_validate(model().model_dump()) == model()

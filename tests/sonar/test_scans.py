@@ -51,12 +51,13 @@ def test_a_lost_ping_does_not_shift_the_turns() -> None:
     assert [kept[first] for first in turns.first] == [0, 200, 400]
 
 
-def test_a_gap_ends_a_scan() -> None:
+@pytest.mark.parametrize("direction", [1, -1])
+def test_a_gap_ends_a_scan(direction: int) -> None:
     t = DT * np.arange(300)
     t[120:] += 5.0
-    turns = find_turns(beams_at(STEP * np.arange(300), t), max_gap_s=3.0)
-    assert spans(turns) == [(0, 120), (120, 300)]
-    assert spans(find_turns(beams_at(STEP * np.arange(300), t), max_gap_s=6.0))[0] == (0, 200)
+    sonar = beams_at(direction * STEP * np.arange(300), t)
+    assert spans(find_turns(sonar, max_gap_s=3.0)) == [(0, 120), (120, 300)]
+    assert spans(find_turns(sonar, max_gap_s=6.0))[0] == (0, 200)
 
 
 def test_sector_sweeps_end_where_the_head_reverses() -> None:

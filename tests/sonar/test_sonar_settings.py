@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from gtsam_nav.sonar.settings import ScanSettings, SegmentationSettings
+from gtsam_nav.sonar.settings import ScanSettings, SegmentationSettings, SonarSettings
 
 
 @pytest.mark.parametrize(
@@ -37,3 +37,9 @@ def test_limits(settings: Any, taken: dict[str, float], refused: dict[str, float
     assert settings(**taken).model_dump().items() >= taken.items()
     with pytest.raises(ValidationError):
         settings(**refused)
+
+
+def test_defaults_are_within_their_own_limits() -> None:
+    defaults = SonarSettings()
+    assert SonarSettings.model_validate(defaults.model_dump()) == defaults
+    assert defaults.use
