@@ -8,9 +8,15 @@ The mutants are cosmic-ray's, taken from it as from a library; neither tool fits
 
 - mutmut 3 leaves out decorated functions, so all of the numba kernels and every property, and
   constants outside functions;
-- cosmic-ray mutates the files of the working tree in place and starts an interpreter a mutant,
-  which imports GTSAM, Open3D and numba for seconds before the first test; it cannot draw a sample.
+- cosmic-ray changes the files of the working tree themselves, and starts an interpreter a mutant,
+  which imports GTSAM, Open3D and numba for seconds before the first test.
 
 Here a mutant lives in the memory of a forked process alone (``trials``), and a seeded sample is
 drawn (``mutants``): all the mutants would take days.
+
+What only the type checker reads is no mutant, nor is what floats refuse at once (``<<`` for ``*``).
+A mutant whose tests take far too long is killed like one that fails; what the tests start as
+processes of their own sees the module as it is.
+
+It needs the extra ``mutation`` (``pip install -e '.[test,mutation]'``).
 """

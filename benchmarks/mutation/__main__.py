@@ -13,11 +13,11 @@ import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 from scipy.stats import binomtest
 
-from benchmarks.mutation.mutants import sample
 from benchmarks.mutation.trials import Mutant, baseline_s, mirroring_tests, survives
 
 PACKAGES = ("sensors", "registration", "sonar", "evaluation")
@@ -55,6 +55,8 @@ def modules(package: str) -> list[Path]:
 
 def check(package: str, size: int, seed: int, jobs: int) -> Outcome:
     """Run a sample of a package's mutants."""
+    from benchmarks.mutation.mutants import sample
+
     begin = time.perf_counter()
     mutants = sample(modules(package), size, seed)
     timeout_s = 10.0 + PATIENCE * baseline_s(
@@ -112,6 +114,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     if unknown := sorted(set(options.packages) - set(PACKAGES)):
         parser.error(f"no such package: {', '.join(unknown)}; there are {', '.join(PACKAGES)}")
+    if find_spec("cosmic_ray") is None:
+        sys.exit("cosmic-ray is not installed: pip install -e '.[test,mutation]'")
     # before the first process loads its libraries: trials run beside each other
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     outcomes = []
