@@ -196,6 +196,9 @@ def test_scans_extracted_elsewhere_become_echoes() -> None:
     np.testing.assert_array_equal(echoes.beam, [0, 0, 2])
     np.testing.assert_array_equal(echoes.xy_b, points[:, :2])
     assert np.all(np.isfinite(echoes.cov_b))
+    later = echoes.shift(0.25)
+    np.testing.assert_array_equal(later.t, [1.25, 1.25, 3.25])
+    np.testing.assert_array_equal(later.xy_b, echoes.xy_b)
 
 
 @pytest.mark.parametrize(
@@ -217,5 +220,7 @@ def test_too_few_beams_and_empty_scans_are_defects() -> None:
     series = sonar_of(beams(50)).series
     two = Sensor(name="s", type="beams", series=series.select(slice(2)))
     assert sonar_defect(two) == "fewer than three beams"
+    three = Sensor(name="s", type="beams", series=series.select(slice(3)))
+    assert sonar_defect(three) == ""
     empty = ScanSeries(t=np.arange(3.0), first=np.zeros(4, int), points_b=np.empty((0, 2)))
     assert sonar_defect(Sensor(name="s", type="scans", series=empty)) == "the scans hold no points"

@@ -75,3 +75,11 @@ def test_odds_are_those_of_octomap_and_limited_to_its_confidence() -> None:
     )
     np.testing.assert_allclose([odds_at(once, 5.1, 0.1), odds_at(once, 10.1, 0.1)], [-0.4, 0.85])
     np.testing.assert_allclose([odds_at(often, 5.1, 0.1), odds_at(often, 10.1, 0.1)], [-2.0, 3.5])
+
+
+def test_beams_of_one_time_are_told_apart_by_their_bearing() -> None:
+    """A laser's neighbours, two degrees apart: both see through to their own echo."""
+    ahead, aside = (20.0, 0.05, 1.0), (40.0, 40.0 * np.tan(np.radians(2.0)), 1.0)
+    grid = occupancy_grid(map_of(ahead, aside), at_rest(), np.zeros(3))
+    assert cell_at(grid, 30.1, 30.1 * np.tan(np.radians(2.0))) < 0.5
+    assert cell_at(grid, 10.1, 0.05) < 0.5

@@ -12,9 +12,11 @@ from gtsam_nav.sonar.defects import WHOLE_SENSOR
 from gtsam_nav.sonar.echoes import Echoes, segment
 from gtsam_nav.sonar.motion import PlanarMotion
 from gtsam_nav.sonar.preparation import (
+    AT_ONCE_S,
     deskewed,
     leave_out_defective_sonar,
     registered_scans,
+    scans_at_once,
     sonar_map,
     sonar_turns,
 )
@@ -115,6 +117,39 @@ def test_turns_of_scans_and_of_nothing() -> None:
     assert sonar_turns(mission_of(), SonarSettings()) is None
     two_beams = Sensor("s", "beams", beams().series.select(slice(2)))
     assert sonar_turns(mission_of(two_beams), SonarSettings()) is None
+
+
+def scanner(period_s: float, n: int = 9) -> Sensor:
+    series = ScanSeries(t=period_s * np.arange(n), first=np.arange(n + 1), points_b=np.ones((n, 2)))
+    return Sensor("scans", "scans", series)
+
+
+def test_a_scanner_takes_its_scans_at_once() -> None:
+    assert scans_at_once(mission_of(scanner(0.9 * AT_ONCE_S)))
+    assert not scans_at_once(mission_of(scanner(1.1 * AT_ONCE_S)))
+    assert scans_at_once(mission_of(scanner(0.9 * AT_ONCE_S, 2)))
+    assert not scans_at_once(mission_of(scanner(0.9 * AT_ONCE_S, 1)))
+    assert not scans_at_once(mission_of(scanner(0.9 * AT_ONCE_S), beams()))
+    assert not scans_at_once(mission_of())
+
+
+def test_scans_at_once_are_thinned_by_the_motion() -> None:
+    mission, t = mission_of(scanner(0.1)), 0.1 * np.arange(9)
+    motion = PlanarMotion(t, np.column_stack([t, 0 * t]), 0 * t, 0.0, 0.0)
+    settings = SonarSettings(
+        scans=ScanSettings(min_move_m=0.35, min_turn_deg=5.0, min_interval_s=0.19)
+    )
+    by_motion, by_time = sonar_turns(mission, settings, motion), sonar_turns(mission, settings)
+    assert by_motion is not None
+    assert by_time is not None
+    np.testing.assert_array_equal(by_motion.first, [0, 4, 8])
+    np.testing.assert_array_equal(by_time.first, [0, 2, 4, 6, 8])
+    turning = PlanarMotion(t, np.zeros((9, 2)), np.radians(20.0) * t, 0.0, 0.0)
+    turned = sonar_turns(mission, settings, turning)
+    assert turned is not None
+    np.testing.assert_array_equal(turned.first, [0, 3, 6])
+    slow = mission_of(beams())
+    np.testing.assert_array_equal(sonar_turns(slow, settings, motion).first, [0, 40])
 
 
 def still() -> PlanarMotion:
