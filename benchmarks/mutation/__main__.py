@@ -44,7 +44,8 @@ class Outcome:
     def interval(self) -> tuple[float, float]:
         """Within which the share among all the mutants lies: 95 %, Wilson 1927."""
         killed = self.mutants - len(self.survivors)
-        return tuple(binomtest(killed, self.mutants).proportion_ci(method="wilson"))
+        low, high = binomtest(killed, self.mutants).proportion_ci(method="wilson")
+        return float(low), float(high)
 
 
 def modules(package: str) -> list[Path]:
