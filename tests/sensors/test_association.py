@@ -138,3 +138,13 @@ def test_without_landmarks_there_is_nothing_to_pair() -> None:
     seen = compared(LANDMARKS, np.empty((0, 2)), 0.1)
     for match in (nearest, joint):
         np.testing.assert_array_equal(match(seen, PROBABILITY), np.full(4, NONE))
+
+
+def test_some_sightings_against_some_landmarks_are_compared_as_before() -> None:
+    rng = np.random.default_rng(4)
+    whole = compared(LANDMARKS[:3] + rng.normal(scale=0.1, size=(3, 2)), LANDMARKS, 0.3)
+    sightings, landmarks = np.array([2, 0]), np.array([True, False, True, True])
+    part = whole.of(sightings, landmarks)
+    np.testing.assert_array_equal(part.nis, whole.nis[sightings][:, landmarks])
+    assert part.joint_nis([0, 1], [2, 0]) == whole.joint_nis([2, 0], [3, 0])
+    assert part.m == 2

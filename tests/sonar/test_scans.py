@@ -172,6 +172,7 @@ def test_thinning_by_motion_counts_from_the_last_that_was_kept() -> None:
     motion = PlanarMotion(t, np.column_stack([north, 0 * t]), yaw, 0.0, 0.0)
     np.testing.assert_array_equal(thin_by_motion(t, motion, 2.0, 0.25), [0, 4, 8, 13, 16, 19])
     np.testing.assert_array_equal(thin_by_motion(t, motion, 1.0, 9.0), [0, 2, 4, 6, 8, 10])
+    np.testing.assert_array_equal(thin_by_motion(t, motion, 0.0, 9.0), np.arange(20))
     assert len(thin_by_motion(np.empty(0), motion, 1.0, 1.0)) == 0
 
 
