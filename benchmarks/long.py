@@ -1,8 +1,8 @@
 """The checks that take hours, one after the other: ``./scripts/test --long``.
 
 Each has a small twin among the ordinary tests: consistency in ``tests/evaluation`` and
-``tests/graph``, fuzzing in ``tests/readers/test_hostile_files.py``, the matrix of versions in
-``tests/benchmarks/test_versions.py``.
+``tests/graph``, fuzzing in ``tests/readers/test_hostile_files.py``, mutants and the matrix of
+versions in ``tests/benchmarks``.
 """
 
 from __future__ import annotations

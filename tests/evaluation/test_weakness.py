@@ -107,3 +107,33 @@ def test_the_report_lists_and_draws_the_stretches() -> None:
     figure = position_sigma([solution()])
     assert figure is not None
     assert len(figure.axes[0].lines) == 1
+
+
+@pytest.mark.parametrize(
+    ("valid_share", "locked_share", "cause"),
+    [
+        (0.0, 1.0, "no velocity"),
+        (0.4, 1.0, "bottom lock lost"),
+        (1.0, 0.4, "bottom lock lost"),
+        (0.6, 1.0, None),
+        (1.0, 0.6, None),
+    ],
+)
+def test_velocities_are_missed_where_less_than_half_are_locked(
+    valid_share: float, locked_share: float, cause: str | None
+) -> None:
+    weak = solution()
+    dvl = weak.mission.sensors["dvl"]
+    assert isinstance(dvl.series, DvlSeries)
+    # ten samples at a time, so that every stretch has its share
+    tenth = np.arange(len(T)) % 10 / 10
+    series = replace(dvl.series, valid=tenth < valid_share, bottom_lock=tenth < locked_share)
+    mission = weak.mission.with_sensor(replace(dvl, series=series))
+    (stretch,) = weak_stretches(replace(weak, mission=mission))
+    assert [c for c in stretch.causes if c != "no GNSS fix"] == ([cause] if cause else [])
+
+
+def test_without_a_dvl_none_is_missed() -> None:
+    weak = solution()
+    (stretch,) = weak_stretches(replace(weak, mission=weak.mission.without("dvl")))
+    assert stretch.causes == ("no GNSS fix",)

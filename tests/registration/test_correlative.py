@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from gtsam_nav.frames import Array
-from gtsam_nav.registration.correlative import _bound, search, thinned
+from gtsam_nav.registration._correlative_kernel import _squared, score_volume
+from gtsam_nav.registration.correlative import MARGIN_CELLS, _bound, search, thinned
 from gtsam_nav.registration.settings import CorrelativeSettings
 from gtsam_nav.sonar.scans import planar_rotations
 
@@ -83,3 +84,32 @@ def test_thinned_points_are_the_means_of_their_cells() -> None:
     xy = np.array([[0.1, 0.1], [0.3, 0.1], [1.2, 0.4], [-0.1, 0.2]])
     thin = thinned(xy, 1.0)
     np.testing.assert_allclose(sorted(thin.tolist()), [[-0.1, 0.2], [0.2, 0.1], [1.2, 0.4]])
+
+
+def test_the_gate_is_the_mahalanobis_distance_to_the_prior() -> None:
+    rng = np.random.default_rng(1)
+    root = rng.normal(size=(3, 3))
+    A = root @ root.T
+    for x, y, turn in rng.normal(size=(5, 3)):
+        pose = np.array([0.2 * x, 0.2 * y, turn])
+        assert _squared(x, y, turn, 0.2, A) == pytest.approx(pose @ A @ pose)
+
+
+def test_what_is_told_of_the_volume_is_the_mean_of_the_field_and_holds_the_best() -> None:
+    rng = np.random.default_rng(2)
+    field = np.pad(rng.random((16, 22)), MARGIN_CELLS)
+    q, corner, cell_m, blocks = np.array([1.0, 2.0, 0.3]), np.array([-2.0, -1.0]), 0.25, 2
+    xy, turns = rng.uniform(-1.5, 1.5, size=(7, 2)), np.array([-0.2, 0.0, 0.2])
+    told = score_volume(
+        field, _bound(field), 4, corner, cell_m, xy, q, np.zeros((3, 3)), 1.0, turns, blocks, 0.9
+    )
+    plain = np.zeros_like(told)
+    for k, turn in enumerate(turns):
+        cells = np.rint((q[:2] + xy @ planar_rotations(q[2] + turn).T - corner) / cell_m)
+        for i, j in np.ndindex(16, 16):
+            for row, column in (cells + np.array([i - 8, j - 8])).astype(int):
+                inside = 0 <= row < 24 and 0 <= column < 30
+                plain[k, i, j] += (field[row, column] if inside else 0.0) / len(xy)
+    known = np.isfinite(told)
+    np.testing.assert_allclose(told[known], plain[known])
+    assert np.all(known[plain >= 0.9 * plain.max()])

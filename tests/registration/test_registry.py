@@ -153,3 +153,24 @@ def test_a_recorded_lidar_pair_from_identity(method: str, recorded_data: Path) -
     assert match.ok
     assert np.linalg.norm(match.pose.p_a - T_true[:3, 3]) < 0.02
     assert np.degrees(np.linalg.norm(turn)) < 0.3
+
+
+@pytest.mark.parametrize(
+    ("trouble", "hint"),
+    [
+        (ModuleNotFoundError("no"), "pip install kiss-icp"),
+        (ImportError("libX11"), "a library of the system"),
+        (OSError("libgomp"), "a library of the system"),
+    ],
+)
+def test_trouble_with_an_import_has_a_hint(
+    trouble: Exception, hint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(_: str) -> None:
+        raise trouble
+
+    monkeypatch.setattr(packages, "import_module", fails)
+    found, said = packages._attempt.__wrapped__("kiss_icp.deskew")
+    assert found is None
+    assert str(trouble) in said
+    assert hint in said

@@ -106,3 +106,11 @@ def test_features_find_a_pose_from_nowhere() -> None:
     again = global_start(reference, new, settings)
     assert again is not None
     np.testing.assert_array_equal(again, found)
+
+
+@pytest.mark.usefixtures("open3d_here")
+def test_clouds_without_a_shape_in_common_give_no_start() -> None:
+    rng = np.random.default_rng(5)
+    settings = Open3dSettings(voxel_m=0.1)
+    for new in (np.zeros((1, 3)), 300.0 * rng.normal(size=(5, 3))):
+        assert global_start(room(rng), new, settings) is None

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 
 from gtsam_nav.frames import Array
 from gtsam_nav.sensors import association
 from gtsam_nav.sensors.association import NONE, Comparison, joint, nearest
+from gtsam_nav.sensors.prediction import chi2_limit
 
-PROBABILITY = 0.99
+PROBABILITY, WIDE = 0.99, 1.0 - 1e-9
 LANDMARKS = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [3.0, 0.0]])
 SIGMA = 0.05
 
@@ -59,6 +62,39 @@ def test_joint_compatibility_leaves_out_what_does_not_agree() -> None:
     np.testing.assert_array_equal(joint(seen, PROBABILITY), [0, 1, 2, NONE])
 
 
+def fit_of(seen: Comparison, pairing: tuple[int, ...]) -> tuple[int, float]:
+    """How good a joint pairing is: how many pairs, and how little they disagree."""
+    pairs = [(s, k) for s, k in enumerate(pairing) if k != NONE]
+    if not pairs:
+        return 0, 0.0
+    nis = seen.joint_nis(*map(list, zip(*pairs, strict=True)))
+    return (len(pairs), -nis) if nis <= chi2_limit(WIDE, 2 * len(pairs)) else (-1, 0.0)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_no_joint_pairing_is_better_than_the_one_that_is_found(seed: int) -> None:
+    """All pairings of three sightings with four landmarks in a heap, one by one.
+
+    The gate is so wide that no part of a pairing fails it where the whole does not.
+    """
+    rng = np.random.default_rng(seed)
+    heap = rng.normal(scale=0.4, size=(4, 2))
+    shifted = heap[:3] + rng.normal(scale=0.3, size=2) + rng.normal(scale=0.1, size=(3, 2))
+    seen = compared(shifted, heap, 0.3, 0.1)
+    possible = [
+        pairing
+        for pairing in product(range(NONE, 4), repeat=3)
+        if len({k for k in pairing if k != NONE}) == sum(k != NONE for k in pairing)
+    ]
+    best = max(possible, key=lambda pairing: fit_of(seen, pairing))
+    np.testing.assert_array_equal(joint(seen, WIDE), best)
+
+
+def test_what_is_of_no_landmark_has_the_id_of_the_unknown() -> None:
+    far = compared(np.array([[90.0, 90.0]]), LANDMARKS, 0.05)
+    assert nearest(far, PROBABILITY).tolist() == joint(far, PROBABILITY).tolist() == [-1]
+
+
 def test_of_two_sightings_of_a_landmark_the_nearer_gets_it() -> None:
     seen = compared(np.array([[0.1, 0.0], [0.01, 0.0]]), LANDMARKS[:1], 0.2)
     np.testing.assert_array_equal(nearest(seen, PROBABILITY), [NONE, 0])
@@ -102,3 +138,13 @@ def test_without_landmarks_there_is_nothing_to_pair() -> None:
     seen = compared(LANDMARKS, np.empty((0, 2)), 0.1)
     for match in (nearest, joint):
         np.testing.assert_array_equal(match(seen, PROBABILITY), np.full(4, NONE))
+
+
+def test_some_sightings_against_some_landmarks_are_compared_as_before() -> None:
+    rng = np.random.default_rng(4)
+    whole = compared(LANDMARKS[:3] + rng.normal(scale=0.1, size=(3, 2)), LANDMARKS, 0.3)
+    sightings, landmarks = np.array([2, 0]), np.array([True, False, True, True])
+    part = whole.of(sightings, landmarks)
+    np.testing.assert_array_equal(part.nis, whole.nis[sightings][:, landmarks])
+    assert part.joint_nis([0, 1], [2, 0]) == whole.joint_nis([2, 0], [3, 0])
+    assert part.m == 2

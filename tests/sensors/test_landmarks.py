@@ -10,10 +10,25 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, rotation_from_rpy, wrap_angle
 from gtsam_nav.mission import Sensor
-from gtsam_nav.sensors.landmarks import Sighting, observe, place, predict, sighting
+from gtsam_nav.sensors.landmarks import (
+    LEAST_SIGMA_M,
+    Sighting,
+    level_points,
+    measurements,
+    observe,
+    place,
+    polar,
+    predict,
+    sighting,
+    trusted_ids,
+    variance_factors,
+)
+from gtsam_nav.sensors.noise import LandmarkNoise
 from gtsam_nav.sensors.prediction import BodyState
+from gtsam_nav.sensors.settings import LandmarkSettings
 from gtsam_nav.series import LandmarkSeries
 
 SERIES = LandmarkSeries(
@@ -224,3 +239,111 @@ def test_a_sample_of_a_series_is_a_sighting() -> None:
     with_elevation = sighting(replace(SERIES, elevation=np.array([0.3, 0.0])), 0)
     np.testing.assert_allclose(with_elevation.measured, [2.0, 0.1, 0.3])
     np.testing.assert_allclose(with_elevation.cov, np.diag([0.1**2, 0.02**2, 0.02**2]))
+
+
+@seeds
+def test_ranges_of_a_wrong_scale_are_longer_by_their_share(seed: int) -> None:
+    state, sensor, rng = drawn(seed)
+    landmark_n, measured = state.p_n + 10 * rng.normal(size=3), seen(rng, elevation=True)
+    plain = predict(state, landmark_n, measured, sensor)
+    long = predict(state, landmark_n, measured, sensor, range_scale=0.02)
+    distance_m = plain.residual[0] + measured.measured[0]
+    np.testing.assert_allclose(long.residual - plain.residual, [0.02 * distance_m, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(long.jacobian_scale, [distance_m, 0, 0])
+    np.testing.assert_allclose(plain.jacobian_scale, [distance_m, 0, 0])
+    stretch = np.array([[1.02], [1.0], [1.0]])
+    np.testing.assert_allclose(long.jacobian, stretch * plain.jacobian)
+    np.testing.assert_allclose(long.jacobian_landmark, stretch * plain.jacobian_landmark)
+
+
+@pytest.mark.parametrize(
+    ("range_m", "bearing", "elevation", "rows"),
+    [
+        (5.0, None, None, [0]),
+        (None, 0.4, None, [1]),
+        (None, 0.4, 0.2, [1, 2]),
+        (5.0, None, 0.2, [0, 2]),
+        (5.0, 0.4, 0.2, [0, 1, 2]),
+    ],
+)
+def test_a_sighting_says_only_what_it_measured(
+    range_m: float | None, bearing: float | None, elevation: float | None, rows: list[int]
+) -> None:
+    measured = Sighting(range_m, bearing, elevation, 0.3, 0.05)
+    whole = predict(LEVEL, np.array([3.0, 4.0, 1.0]), Sighting(5.0, 0.4, 0.2, 0.3, 0.05), mounted())
+    some = predict(LEVEL, np.array([3.0, 4.0, 1.0]), measured, mounted())
+    np.testing.assert_array_equal(measured.rows, rows)
+    np.testing.assert_allclose(measured.measured, np.array([5.0, 0.4, 0.2])[rows])
+    np.testing.assert_allclose(some.residual, whole.residual[rows])
+    np.testing.assert_allclose(some.jacobian, whole.jacobian[rows])
+    np.testing.assert_allclose(np.diag(some.cov), np.square([0.3, 0.05, 0.05])[rows])
+
+
+@pytest.mark.parametrize(("range_m", "bearing"), [(None, 0.4), (5.0, None)])
+def test_a_range_or_a_bearing_alone_places_nothing(
+    range_m: float | None, bearing: float | None
+) -> None:
+    with pytest.raises(DataError, match="does not tell where"):
+        place(LEVEL, Sighting(range_m, bearing, None, 0.1, 0.02), mounted())
+
+
+@pytest.mark.parametrize(
+    ("column", "lacking"), [("range_m", "range"), ("bearing", "bearing")], ids=["range", "bearing"]
+)
+def test_a_series_of_one_kind_has_no_polar_columns(column: str, lacking: str) -> None:
+    sigma = {"range_m": "sigma_range", "bearing": "sigma_bearing"}[column]
+    with pytest.raises(DataError, match=f"without a {lacking} cannot"):
+        polar(replace(SERIES, **{column: None, sigma: None}))
+
+
+@both_kinds
+def test_the_measurements_of_a_series_are_those_of_its_sightings(elevation: bool) -> None:
+    series = replace(SERIES, elevation=np.array([0.3, 0.7])) if elevation else SERIES
+    values, cov = measurements(series)
+    for k in range(2):
+        np.testing.assert_allclose(values[k], sighting(series, k).measured)
+        np.testing.assert_allclose(cov[k], sighting(series, k).cov)
+
+
+@both_kinds
+def test_level_points_lie_below_what_was_seen(elevation: bool) -> None:
+    sensor = mounted(np.array([0.5, -0.3, 0.2]), np.array([0.2, -0.3, 2.0]))
+    series = replace(SERIES, elevation=np.array([0.3, -0.7])) if elevation else SERIES
+    points, cov = level_points(series, sensor)
+    for k in range(2):
+        up, bearing, range_m = (0.3, -0.7)[k] * elevation, SERIES.bearing[k], SERIES.range_m[k]
+        p_s = range_m * np.array(
+            [np.cos(up) * np.cos(bearing), np.cos(up) * np.sin(bearing), -np.sin(up)]
+        )
+        offset_b = (sensor.R_bs @ p_s)[:2]
+        np.testing.assert_allclose(points[k], sensor.xyz_b[:2] + offset_b)
+        along = offset_b / np.linalg.norm(offset_b)
+        aside = np.array([-along[1], along[0]])
+        wanted = 0.1**2 * np.outer(along, along) + (0.02 * range_m) ** 2 * np.outer(aside, aside)
+        np.testing.assert_allclose(cov[k], wanted)
+
+
+def test_a_level_point_at_the_sensor_still_has_a_spread() -> None:
+    points, cov = level_points(replace(SERIES, range_m=np.zeros(2)), mounted())
+    np.testing.assert_array_equal(points, 0.0)
+    np.testing.assert_allclose(np.linalg.eigvalsh(cov), [[LEAST_SIGMA_M**2, 0.1**2]] * 2)
+    overhead = replace(SERIES, elevation=np.full(2, np.pi / 2), bearing=np.zeros(2))
+    assert np.all(np.isfinite(level_points(overhead, mounted())[1]))
+
+
+def test_ids_are_trusted_where_the_association_goes_by_them() -> None:
+    np.testing.assert_array_equal(trusted_ids(SERIES, LandmarkSettings()), [4, -1])
+    np.testing.assert_array_equal(
+        trusted_ids(SERIES, LandmarkSettings(association="nearest")), [-1, -1]
+    )
+
+
+def test_variance_grows_as_that_of_a_mean_of_correlated_values() -> None:
+    """The factors are rows of the correlation matrix: one plus twice the sum before each."""
+    t = np.array([0.0, 0.5, 2.0, 2.0, 9.0])
+    noise = LandmarkNoise(correlated_share=0.4, correlation_time_s=2.5)
+    correlation = 0.4 * np.exp(-np.abs(t[:, None] - t) / 2.5)
+    wanted = [1.0 + 2.0 * correlation[k, :k].sum() for k in range(5)]
+    np.testing.assert_allclose(variance_factors(t, noise), wanted)
+    np.testing.assert_array_equal(variance_factors(t, LandmarkNoise()), 1.0)
+    assert len(variance_factors(np.empty(0), noise)) == 0

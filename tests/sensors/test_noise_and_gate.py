@@ -13,6 +13,7 @@ from gtsam_nav.sensors.noise import (
     DvlNoise,
     HeadingNoise,
     ImuNoise,
+    figure_names,
 )
 from gtsam_nav.sensors.prediction import Prediction, chi2_limit
 from gtsam_nav.series import SERIES_TYPES
@@ -102,3 +103,75 @@ def test_sound_speeds_go_together() -> None:
     assert DvlNoise(assumed_sound_speed_m_s=1500.0, sound_speed_m_s=1485.0).velocity_factor == 0.99
     with pytest.raises(ValidationError, match="go together"):
         DvlNoise(sound_speed_m_s=1485.0)
+
+
+MAY_BE_ZERO = {
+    *("scale_sigma", "misalignment_sigma_deg", "curvature_sigma_deg_m", "bias_sigma_deg"),
+    *("disturbance_sigma_deg", "correlated_share", "range_scale_sigma", "velocity_lag_sigma_s"),
+}
+"""Errors that a sensor need not have; all others are noise, or a time to divide by."""
+ANY_SIGN = {"declination_deg", "velocity_lag_s"}
+SOUND_SPEEDS = {"assumed_sound_speed_m_s", "sound_speed_m_s"}
+
+figures = pytest.mark.parametrize(
+    ("sensor_type", "name"),
+    [
+        (sensor_type, name)
+        for sensor_type, model in NOISE_MODELS.items()
+        for name, field in model.model_fields.items()
+        if field.annotation is float
+    ],
+)
+
+
+def takes(sensor_type: str, **figures: float) -> bool:
+    try:
+        NOISE_MODELS[sensor_type].model_validate(figures)
+    except ValidationError:
+        return False
+    return True
+
+
+@figures
+def test_noise_is_positive_and_errors_may_be_absent(sensor_type: str, name: str) -> None:
+    assert takes(sensor_type, **{name: 1e-9})
+    assert takes(sensor_type, **{name: 0.0}) == (name in MAY_BE_ZERO | ANY_SIGN)
+    assert takes(sensor_type, **{name: -1e-9}) == (name in ANY_SIGN)
+
+
+@pytest.mark.parametrize("sensor_type", ["gnss", "landmarks"])
+def test_not_all_of_a_variance_can_be_shared(sensor_type: str) -> None:
+    assert takes(sensor_type, correlated_share=0.999)
+    assert not takes(sensor_type, correlated_share=1.0)
+
+
+def test_sound_speeds_are_those_of_water() -> None:
+    for name in SOUND_SPEEDS:
+        others = dict.fromkeys(SOUND_SPEEDS - {name}, 1500.0)
+        assert [takes("dvl", **others, **{name: v}) for v in (1000, 1000.1, 1999.9, 2000)] == [
+            *(False, True),
+            *(True, False),
+        ]
+
+
+def test_a_declination_or_a_model_alone_is_taken() -> None:
+    assert HeadingNoise(declination_deg=2.0).declination_deg == 2.0
+    assert HeadingNoise(magnetic=True).declination_deg == 0.0
+    assert DvlNoise().velocity_factor == 1.0
+
+
+def test_names_of_figures_are_those_of_the_model_and_of_datasheets() -> None:
+    assert figure_names("depth") == ["sigma_m"]
+    names = figure_names("imu")
+    assert names[:3] == [
+        "gyro_noise_density_rad_s_sqrt_hz",
+        "gyro_noise_density_deg_sqrt_h",
+        "gyro_noise_density_deg_s_sqrt_hz",
+    ]
+    assert len(names) == 6 + 10
+
+
+@pytest.mark.parametrize("sensor_type", NOISE_MODELS)
+def test_defaults_are_within_their_own_limits(sensor_type: str) -> None:
+    model = NOISE_MODELS[sensor_type]
+    assert model.model_validate(model().model_dump()) == model()

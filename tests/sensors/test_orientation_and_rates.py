@@ -102,3 +102,16 @@ def test_the_mean_gyro_bias_is_what_the_compass_does_not_turn() -> None:
     np.testing.assert_allclose(mean_gyro_bias_b(mission(imu, north)), bias_b, atol=1e-12)
     np.testing.assert_array_equal(mean_gyro_bias_b(mission(imu)), np.zeros(3))
     np.testing.assert_array_equal(mean_gyro_bias_b(mission(north)), np.zeros(3))
+
+
+def test_the_gyro_is_averaged_while_the_compass_tells_its_turn() -> None:
+    """A turn before the compass begins and one after it ends are none of its bias."""
+    imu = gyro((0.0, 0.0, 0.0), np.eye(3))
+    outside = (T < 20.0) | (T > 40.0)
+    turning = np.column_stack([0 * T, 0 * T, np.where(outside, 9.0, RATE + 0.01)])
+    series = ImuSeries(t=T, gyro_i=turning, accel_i=np.zeros((len(T), 3)))
+    told = T[~outside]
+    both = mission(Sensor("imu", "imu", series, R_bs=imu.R_bs), compass(RATE * told, told))
+    np.testing.assert_allclose(mean_gyro_bias_b(both), [0.0, 0.0, 0.01], atol=1e-12)
+    for apart in (compass(RATE * told, told + 100.0), compass(np.zeros(1), T[:1])):
+        np.testing.assert_array_equal(mean_gyro_bias_b(mission(imu, apart)), np.zeros(3))

@@ -11,7 +11,7 @@ from gtsam_nav.mission import Sensor
 from gtsam_nav.series import BeamSeries, ScanSeries
 from gtsam_nav.sonar._peaks import strongest_peaks
 from gtsam_nav.sonar.defects import sonar_defect
-from gtsam_nav.sonar.echoes import echoes_of_scans, segment
+from gtsam_nav.sonar.echoes import _thresholds, echoes_of_scans, segment
 from gtsam_nav.sonar.settings import SegmentationSettings
 
 BINS, RESOLUTION_M = 300, 0.1
@@ -81,6 +81,26 @@ def test_compiled_peaks_equal_readable_ones(seed: int, separation: int) -> None:
         got = list(zip(centre[beam == i], strength[beam == i], strict=True))
         assert len(got) == len(wanted)
         np.testing.assert_allclose(got, wanted, atol=1e-9)
+
+
+def test_an_echo_lies_at_the_centre_of_its_bin() -> None:
+    intensity = np.zeros((3, BINS), np.uint8)
+    intensity[:, 98:103] = PULSE
+    echoes = segment(sonar_of(intensity), SegmentationSettings(min_intensity=1))
+    np.testing.assert_allclose(np.linalg.norm(echoes.xy_b, axis=1), 100.5 * RESOLUTION_M)
+
+
+def test_the_threshold_is_sigmas_above_the_median_of_its_range() -> None:
+    """Its values rise evenly from 0 to 100: the spread is that of the hundredths 50 to 84.1."""
+    intensity = np.zeros((1001, BINS), np.uint8)
+    intensity[:, 150] = np.arange(1001) // 10
+    settings = SegmentationSettings(threshold_sigmas=2.0)
+    (floor,) = _thresholds(intensity, settings)[150:151]
+    assert floor == 50.0 + 2.0 * (84.0 - 50.0)
+    # where nothing varies the spread is that of the last digit, and the limits hold
+    low, high = (_thresholds(np.full((9, 1), level, np.uint8), settings)[0] for level in (7, 200))
+    assert (low, high) == (settings.min_intensity, settings.max_threshold)
+    assert _thresholds(np.full((9, 1), 60, np.uint8), settings)[0] == 62.0
 
 
 def test_silent_sonar_has_no_echo() -> None:
@@ -176,6 +196,9 @@ def test_scans_extracted_elsewhere_become_echoes() -> None:
     np.testing.assert_array_equal(echoes.beam, [0, 0, 2])
     np.testing.assert_array_equal(echoes.xy_b, points[:, :2])
     assert np.all(np.isfinite(echoes.cov_b))
+    later = echoes.shift(0.25)
+    np.testing.assert_array_equal(later.t, [1.25, 1.25, 3.25])
+    np.testing.assert_array_equal(later.xy_b, echoes.xy_b)
 
 
 @pytest.mark.parametrize(
@@ -197,5 +220,7 @@ def test_too_few_beams_and_empty_scans_are_defects() -> None:
     series = sonar_of(beams(50)).series
     two = Sensor(name="s", type="beams", series=series.select(slice(2)))
     assert sonar_defect(two) == "fewer than three beams"
+    three = Sensor(name="s", type="beams", series=series.select(slice(3)))
+    assert sonar_defect(three) == ""
     empty = ScanSeries(t=np.arange(3.0), first=np.zeros(4, int), points_b=np.empty((0, 2)))
     assert sonar_defect(Sensor(name="s", type="scans", series=empty)) == "the scans hold no points"

@@ -60,3 +60,26 @@ def test_a_large_map_gets_larger_cells() -> None:
     grid = occupancy_grid(map_of((5000.0, 40.0, 1.0)), at_rest(), np.zeros(3))
     assert max(grid.probability.shape) <= MOST_CELLS + 1
     assert grid.cell_m == 1.25
+
+
+def odds_at(grid: OccupancyGrid, north: float, east: float) -> float:
+    probability = cell_at(grid, north, east)
+    return float(np.log(probability / (1.0 - probability)))
+
+
+def test_odds_are_those_of_octomap_and_limited_to_its_confidence() -> None:
+    seen = [(10.1, 0.1, k / 10) for k in range(20)]
+    once, often = (
+        occupancy_grid(map_of(*echoes), at_rest(0.1, 0.1), np.zeros(3))
+        for echoes in (seen[:1], seen)
+    )
+    np.testing.assert_allclose([odds_at(once, 5.1, 0.1), odds_at(once, 10.1, 0.1)], [-0.4, 0.85])
+    np.testing.assert_allclose([odds_at(often, 5.1, 0.1), odds_at(often, 10.1, 0.1)], [-2.0, 3.5])
+
+
+def test_beams_of_one_time_are_told_apart_by_their_bearing() -> None:
+    """A laser's neighbours, two degrees apart: both see through to their own echo."""
+    ahead, aside = (20.0, 0.05, 1.0), (40.0, 40.0 * np.tan(np.radians(2.0)), 1.0)
+    grid = occupancy_grid(map_of(ahead, aside), at_rest(), np.zeros(3))
+    assert cell_at(grid, 30.1, 30.1 * np.tan(np.radians(2.0))) < 0.5
+    assert cell_at(grid, 10.1, 0.05) < 0.5

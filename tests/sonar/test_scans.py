@@ -15,6 +15,7 @@ from gtsam_nav.sonar.scans import (
     find_turns,
     form_scans,
     planar_rotations,
+    thin_by_motion,
     thin_scans,
 )
 
@@ -51,12 +52,13 @@ def test_a_lost_ping_does_not_shift_the_turns() -> None:
     assert [kept[first] for first in turns.first] == [0, 200, 400]
 
 
-def test_a_gap_ends_a_scan() -> None:
+@pytest.mark.parametrize("direction", [1, -1])
+def test_a_gap_ends_a_scan(direction: int) -> None:
     t = DT * np.arange(300)
     t[120:] += 5.0
-    turns = find_turns(beams_at(STEP * np.arange(300), t), max_gap_s=3.0)
-    assert spans(turns) == [(0, 120), (120, 300)]
-    assert spans(find_turns(beams_at(STEP * np.arange(300), t), max_gap_s=6.0))[0] == (0, 200)
+    sonar = beams_at(direction * STEP * np.arange(300), t)
+    assert spans(find_turns(sonar, max_gap_s=3.0)) == [(0, 120), (120, 300)]
+    assert spans(find_turns(sonar, max_gap_s=6.0))[0] == (0, 200)
 
 
 def test_sector_sweeps_end_where_the_head_reverses() -> None:
@@ -160,3 +162,21 @@ def test_thinning_keeps_a_spacing_and_the_first() -> None:
     np.testing.assert_array_equal(thin_scans(t, 2.0), [0, 3, 5])
     np.testing.assert_array_equal(thin_scans(t, 0.0), np.arange(6))
     assert len(thin_scans(np.empty(0), 2.0)) == 0
+
+
+def test_thinning_by_motion_counts_from_the_last_that_was_kept() -> None:
+    """Half a metre a second for ten seconds, then a turn on the spot of a tenth of a radian."""
+    t = np.arange(20.0)
+    north = 0.5 * np.minimum(t, 10.0)
+    yaw = 3.0 + 0.1 * np.maximum(t - 10.0, 0.0)
+    motion = PlanarMotion(t, np.column_stack([north, 0 * t]), yaw, 0.0, 0.0)
+    np.testing.assert_array_equal(thin_by_motion(t, motion, 2.0, 0.25), [0, 4, 8, 13, 16, 19])
+    np.testing.assert_array_equal(thin_by_motion(t, motion, 1.0, 9.0), [0, 2, 4, 6, 8, 10])
+    np.testing.assert_array_equal(thin_by_motion(t, motion, 0.0, 9.0), np.arange(20))
+    assert len(thin_by_motion(np.empty(0), motion, 1.0, 1.0)) == 0
+
+
+def test_a_head_that_rests_neither_reverses_nor_forgets_its_sense() -> None:
+    angle = STEP * np.array([0, 1, 2, 2, 2, 3, 4, 3, 2, 1, 0])
+    turns = find_turns(beams_at(1.0 + angle), max_gap_s=3.0)
+    assert spans(turns) == [(0, 7), (7, 11)]
