@@ -38,8 +38,6 @@ MAX_LAG = 30
 SHARED_ERROR_EVERY = 5
 """Iterations between two measurements of how far echoes err together."""
 MAX_RELINEARISATIONS = 12
-SETTLED_SHARE = 0.05
-"""Of how far a linearisation has moved its knots: smaller steps wait for the next one."""
 MAX_STEPS = 25
 """Without a sonar; reweighed least squares under a kernel takes its time."""
 CONVERGED_STEP = 1e-3
@@ -189,9 +187,7 @@ class JointRefinement:
             count += 1
             progress("refinement", (before + count) / self.settings.max_iterations)
             narrow = gate <= self.settings.last_gate_m
-            moved = float(np.max(np.abs(planar[:, :2])))
-            still = max(self.settings.converged_m, SETTLED_SHARE * moved)
-            settled = narrow and float(np.max(np.abs(step[:, :2]))) < still
+            settled = narrow and float(np.max(np.abs(step[:, :2]))) < self.settings.converged_m
             gate = max(gate * self.settings.gate_factor, self.settings.last_gate_m)
             log.debug(
                 "refinement: largest step %.3f m at knot %d",
