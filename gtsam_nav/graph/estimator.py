@@ -12,7 +12,7 @@ from gtsam_nav.config import Config
 from gtsam_nav.errors import EstimationError, PackageError
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.backend import graph_of
-from gtsam_nav.graph.clock_check import suspected_clocks
+from gtsam_nav.graph.clock_check import suspected_constants
 from gtsam_nav.graph.cloud_loops import CloudLoops, close_cloud_loops, cloud_loop_closures
 from gtsam_nav.graph.dense import dense_trajectory
 from gtsam_nav.graph.doubts import (
@@ -244,7 +244,7 @@ def _solution(
             *_warnings(ready, echoes, solved, clock_offsets),
             *map_warnings,
             *unmeasured_height(keyframes),
-            *suspected_clocks(mission, problem, settled, values, rows),
+            *suspected_constants(mission, problem, settled, values, rows),
             *contradictions(rows),
         ),
         slow_states=slow_states(problem, values, covariances, constants),
@@ -271,7 +271,7 @@ def _warnings(
     yield from echoes.warnings
     yield from (warning for found in echoes.by_scans for warning in found.warnings)
     yield from solved.cloud_loops.warnings
-    yield from (offset.warning for offset in clock_offsets if not offset.observed)
+    yield from (warning for offset in clock_offsets for warning in offset.warnings)
     yield from doubts(problem, settled, converged=refined.converged)
     yield from missing_loops(solved.wants_false, solved.matches)
 

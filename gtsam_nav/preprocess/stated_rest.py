@@ -58,8 +58,8 @@ def stated_rests(
         if n_seen < len(spells.t):
             unseen = f", nor the {len(spells.t) - n_seen} that no other sensor sees"
     warning = (
-        f"zero_velocity: in {n_moving} of the {n_seen} quiet seconds of '{imu.name}' that velocities"
-        f" or fixes see, the vehicle moves; they are not taken for rest{unseen}"
+        f"zero_velocity: in {n_moving} of the {n_seen} quiet seconds of '{imu.name}' that"
+        f" velocities or fixes see, the vehicle moves; they are not taken for rest{unseen}"
     )
     return spells.select(rests), (warning,)
 

@@ -62,7 +62,8 @@ def _add_wheels(problem: Problem, config: Config) -> None:
 
 def _add_rests(problem: Problem, mission: Mission, config: Config) -> None:
     """Rest: stated for an IMU that is quiet and not seen to move, or taken for granted at the start
-    of a mission whose position and velocity nothing else measures. What merely floats there keeps its velocity."""
+    of a mission whose position and velocity nothing else measures. What merely floats there keeps
+    its velocity."""
     imu = mission.first("imu")
     assert imu is not None
     rest = initial_rest(imu)
