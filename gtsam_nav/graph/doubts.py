@@ -84,7 +84,7 @@ def contradictions(rows: Sequence[Weighed]) -> Iterator[str]:
     for row in rows:
         kinds.setdefault((row.sensor, row.kind), []).append(row)
     members = []
-    for (sensor, _), own in kinds.items():
+    for (sensor, kind), own in kinds.items():
         rejected = sum(row.weight == 0.0 for row in own)
         median = float(np.median([row.residual for row in own]))
         if len(own) < FEWEST or not (2 * rejected > len(own) or median > CONTRADICTION):
@@ -92,11 +92,13 @@ def contradictions(rows: Sequence[Weighed]) -> Iterator[str]:
         what = f"half of its residuals are above {median:.1f} standard deviations"
         if 2 * rejected > len(own):
             what = f"{rejected} of {len(own)} measurements were left out"
-        members.append((any(row.doubted for row in own), -median, sensor, what))
+        several = sum(of == sensor for of, _ in kinds) > 1
+        measured = f" {kind.removesuffix(' outlier')}" if several and kind else ""
+        members.append((any(row.doubted for row in own), -median, sensor, f"{measured} ({what})"))
     members.sort()
     if not members:
         return
-    named = ", ".join(f"'{sensor}' ({what})" for _, _, sensor, what in members)
+    named = ", ".join(f"'{sensor}'{what}" for _, _, sensor, what in members)
     others = "" if len({sensor for _, _, sensor, _ in members}) > 1 else " and the other sensors"
     said = f"{named}{others} contradict each other"
     bare = dict.fromkeys(f"'{sensor}'" for doubted, _, sensor, _ in members if not doubted)

@@ -15,6 +15,7 @@ from scipy.stats import norm
 
 import gtsam_nav as gn
 from gtsam_nav.graph import factors
+from gtsam_nav.graph.doubts import contradictions
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.robust import CUTTING, THRESHOLDS, KernelName, Robustness
 from gtsam_nav.graph.weights import Weighed, weightless
@@ -136,6 +137,15 @@ def test_a_hundredth_of_its_weight_is_none() -> None:
 
     (said,) = weightless([row(0.5), row(0.011), row(0.009)])
     assert said.reason == "no weight under its kernel (geman_mcclure)"
+
+
+def test_what_contradicts_is_named_with_what_it_measures() -> None:
+    def rows(kind: str) -> list[Weighed]:
+        return [Weighed("gnss", kind, k, "none", True, True, 1.0, 9.0, 0.1) for k in range(20)]
+
+    (said,) = contradictions([*rows("position outlier"), *rows("velocity outlier")])
+    assert "'gnss' position (half of" in said
+    assert "'gnss' velocity (half of" in said
 
 
 def test_only_kernels_that_cut_are_put_off() -> None:

@@ -192,6 +192,14 @@ def test_a_doubted_clock_of_a_sensor_that_is_not_used_is_named_too(laps: Mission
     assert any("time offset of sensor 'gnss' cannot be told" in w for w in solution.warnings)
 
 
+def test_a_doubted_clock_of_odometry_beside_a_dvl_is_undetermined() -> None:
+    mission = gn.simulate("marina", seed=4, duration_s=20.0).without("sonar", "landmarks")
+    solution = gn.estimate(doubted(mission, "odometry", 0.4, sigma_s=0.5), "graph")
+    offset = found(solution, "odometry")
+    assert (offset.offset_s, offset.sigma_s, offset.observed) == (0.0, 0.5, False)
+    assert any("time offset of sensor 'odometry' cannot be told" in w for w in solution.warnings)
+
+
 def test_an_offset_far_beyond_its_stated_sigma_is_named() -> None:
     expected = ClockOffset("gnss", "time_offset", 0.3, 0.01, 0.1)
     assert not expected.warnings
