@@ -7,11 +7,14 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from gtsam_nav.graph.measurements.gnss import POSITION_OUTLIER
+from gtsam_nav.graph.online import OnlinePass
+from gtsam_nav.graph.output import keyframe_trajectory
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.scan_matching import ScanMatch
 from gtsam_nav.graph.settling import Settled
 from gtsam_nav.graph.weights import Weighed
 from gtsam_nav.mission import Mission
+from gtsam_nav.sonar.echoes import Echoes
 from gtsam_nav.trajectory import Trajectory
 
 LEAST_BELIEVED = 0.2
@@ -73,6 +76,22 @@ def unmeasured_height(keyframes: Trajectory) -> Iterator[str]:
             f"nothing measures the height: its standard deviation grows to {down[k]:.0f} m at"
             f" {keyframes.t[k]:.1f} s; that of north and east stays below {np.max(level):.2g} m"
         )
+
+
+def unsure_for_echoes(problem: Problem, online: OnlinePass, echoes: Echoes) -> tuple[str, ...]:
+    """Why the echoes are not registered jointly: their map would be as vague as they see far."""
+    if problem.measures_velocity or not len(echoes.xy_b):
+        return ()
+    filtered = keyframe_trajectory(problem.t, online.states, online.covariances)
+    assert filtered.sigma_p_n is not None
+    level_m = float(np.max(filtered.sigma_p_n[:, :2]))
+    sight_m = float(np.max(np.linalg.norm(echoes.xy_b, axis=1)))
+    if level_m <= sight_m:
+        return ()
+    return (
+        "the echoes are not registered jointly: nothing measures the velocity, and the place is"
+        f" unsure by {level_m:.0f} m (1 sigma) where the sonar sees {sight_m:.0f} m far",
+    )
 
 
 def contradictions(rows: Sequence[Weighed]) -> Iterator[str]:
