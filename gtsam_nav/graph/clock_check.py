@@ -70,6 +70,7 @@ def suspected_constants(
         yield (
             f"'{compass.name}' seems to be off by {turn_deg:.0f} deg or more (sigma"
             f" {sigma_deg:.0f} deg), against a stated bias_sigma_deg of {stated_deg:g}"
+            + (", or the sensor of the velocity is turned" if problem.measures_velocity else "")
         )
     elif problem.timing is None:
         for name, offset_s, sigma_s in zip(receivers, mean[:-1], sigma[:-1], strict=True):
