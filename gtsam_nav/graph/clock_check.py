@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from copy import copy
+from dataclasses import replace
 from typing import Any
 
 import gtsam
@@ -42,7 +43,8 @@ def suspected_constants(
     Parameters
     ----------
     problem : Problem
-        Where it estimates timing errors, only the compass is doubted.
+        Where it estimates timing errors, only the compass is doubted, beside clocks of which nothing
+        is known.
     values : gtsam.Values
         The solution.
     rows : sequence of Weighed
@@ -56,6 +58,7 @@ def suspected_constants(
     timing = problem.timing or timing_effect(
         problem, errors, np.zeros(len(errors)), settled.used_factors, values
     )
+    timing = replace(timing, sigma_s=np.full(len(timing.names), UNKNOWN_S))
     doubting = copy(problem)
     doubting.timing = _with_compass(timing, problem, settled, values)
     graph = graph_of(problem.entries)
