@@ -43,8 +43,8 @@ def suspected_constants(
     Parameters
     ----------
     problem : Problem
-        Where it estimates timing errors, only the compass is doubted, beside clocks of which nothing
-        is known.
+        Where it estimates timing errors, only the compass is doubted, beside clocks of which
+        nothing is known.
     values : gtsam.Values
         The solution.
     rows : sequence of Weighed
