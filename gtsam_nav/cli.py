@@ -188,6 +188,9 @@ def run(
         earlier = [found.name for found in find_runs(folder) if found.name not in names]
         if earlier:
             say(f"note: {folder} also holds an earlier run of {', '.join(earlier)}")
+    if not solutions:  # else they are among the warnings of the runs
+        for warning in opened.warnings:
+            say(f"warning: {warning}")
     for name, error in failures.items():
         say(f"error: {name}: {error}")
     if failures:

@@ -82,6 +82,8 @@ class SlowStates:
 
 OBSERVED_SHARE = 0.8
 """A timing error whose sigma stays above this share of what it was beforehand was not observed."""
+SURPRISING_SIGMAS = 4.0
+"""A timing error of so many of the sigmas that it had beforehand is spoken of."""
 
 
 @dataclass(frozen=True)
@@ -111,13 +113,18 @@ class ClockOffset:
         return self.sigma_s < OBSERVED_SHARE * self.prior_sigma_s
 
     @property
-    def warning(self) -> str:
-        """What to say where they did not."""
-        what = self.quantity.replace("_", " ")
-        return (
-            f"the {what} of sensor '{self.sensor}' cannot be told from this mission: its sigma"
-            f" stays {self.sigma_s:.3g} s"
-        )
+    def warnings(self) -> tuple[str, ...]:
+        """What to say where they did not, or told something that was not to be expected."""
+        what = f"the {self.quantity.replace('_', ' ')} of sensor '{self.sensor}'"
+        if not self.observed:
+            stays = f"its sigma stays {self.sigma_s:.3g} s"
+            return (f"{what} cannot be told from this mission: {stays}",)
+        if abs(self.offset_s) > SURPRISING_SIGMAS * self.prior_sigma_s:
+            return (
+                f"{what} was found to be off by {self.offset_s:+.3g} s (sigma {self.sigma_s:.2g}"
+                f" s), against a stated sigma of {self.prior_sigma_s:.3g} s",
+            )
+        return ()
 
 
 @dataclass(frozen=True)

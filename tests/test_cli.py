@@ -526,6 +526,22 @@ def test_one_failing_method_loses_nothing_of_the_others(
     assert not (tmp_path / "graph").exists()
 
 
+def test_what_speaks_against_the_mission_is_said_where_its_only_method_fails(
+    gtsam_nav: CommandLine,
+    mission_folder: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(registry, "estimate", failing(EstimationError("it diverged")))
+
+    def alerted(mission: Mission) -> Mission:
+        return replace(mission, warnings=("imu: deg/s",))
+
+    monkeypatch.setattr("gtsam_nav.audit.with_alerts", alerted)
+    ended = gtsam_nav("run", mission_folder, "--out", tmp_path)
+    assert ended.err.splitlines() == ["warning: imu: deg/s", "error: graph: it diverged"]
+
+
 def test_an_internal_error_is_one_line_unless_debugged(
     gtsam_nav: CommandLine,
     mission_folder: Path,

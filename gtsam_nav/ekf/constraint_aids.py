@@ -12,7 +12,8 @@ from gtsam_nav.ekf.inertial_start import InertialStart
 from gtsam_nav.ekf.strapdown import ACCEL_BIAS, GYRO_BIAS, SIZE, THETA, InertialState, Strapdown
 from gtsam_nav.frames import Array, skew
 from gtsam_nav.mission import Mission
-from gtsam_nav.preprocess.rest import SPELL_S, Rest, Spells, spells_of
+from gtsam_nav.preprocess.rest import SPELL_S, Rest, Spells
+from gtsam_nav.preprocess.stated_rest import stated_rests
 from gtsam_nav.sensors import motion_constraints
 from gtsam_nav.sensors.prediction import Prediction
 
@@ -32,16 +33,11 @@ def constraints_on(
     imu = mission.first("imu")
     assert imu is not None
 
-    def stated(setting: bool | None, mission_says: bool) -> bool:
-        return mission_says if setting is None else setting
-
-    if stated(motion.nonholonomic, mission.constraints.nonholonomic):
+    rolls = motion.nonholonomic
+    if mission.constraints.nonholonomic if rolls is None else rolls:
         yield _nonholonomic(mission, motion.nonholonomic_sigma_m_s, gate)
-    spells: Spells | None = None
-    if stated(motion.zero_velocity, mission.constraints.zero_velocity):
-        spells = spells_of(imu)
-        spells = spells.select(spells.quiet)
-    elif start.rest is not None and not _aided(mission):
+    spells, _ = stated_rests(mission, motion)
+    if spells is None and start.rest is not None and not _aided(mission):
         spells = start.rest.spells
     if spells is not None:
         yield _still(spells, motion.zero_velocity_sigma_m_s, gate, mission)

@@ -31,6 +31,7 @@ from gtsam_nav.errors import DataError, EstimationError
 from gtsam_nav.frames import Array, rotation_from_quaternion
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.alignment import align
+from gtsam_nav.preprocess.stated_rest import stated_rests
 from gtsam_nav.solution import Innovations, Progress, SlowStates, Solution, StageClock
 from gtsam_nav.trajectory import Trajectory, record_times
 
@@ -80,7 +81,12 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         georeferenced=start.georeferenced,
         online=online if config.ins_ekf.smooth else None,
         rejections=(*mission.rejections, *rejections, *history.rejections),
-        warnings=(*mission.warnings, *_silences(strapdown, imu, t), *run.doubts()),
+        warnings=(
+            *mission.warnings,
+            *stated_rests(mission, config.motion)[1],
+            *_silences(strapdown, imu, t),
+            *run.doubts(),
+        ),
         slow_states=_slow_states(states, P, imu),
         innovations=_innovations(aids, history),
         gnss_used=_fixes_used(aids, history),

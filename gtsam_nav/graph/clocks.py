@@ -30,7 +30,12 @@ from gtsam_nav.graph.settling import NARROWING, START
 from gtsam_nav.graph.timing import TimingError, Used, timing_effect, timing_errors
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.alignment import Alignment
-from gtsam_nav.preprocess.motion import VehicleMotion, measures_velocity, vehicle_motion
+from gtsam_nav.preprocess.motion import (
+    VehicleMotion,
+    measures_velocity,
+    vehicle_motion,
+    velocity_sensor,
+)
 from gtsam_nav.solution import ClockOffset, Progress
 
 log = logging.getLogger(__name__)
@@ -44,7 +49,7 @@ STILL_SIGMAS = 0.1
 class Clocks:
     """Timing errors of a mission, and what they were corrected by, shape (m,), s.
 
-    ``idle`` are those of sensors without a sample that may be used: nothing can tell them.
+    ``idle`` are those of sensors of which no sample is used: nothing can tell them.
     """
 
     errors: tuple[TimingError, ...]
@@ -94,7 +99,7 @@ def find_clocks(
         Keyframe times.
     """
     every = timing_errors(mission)
-    idle = tuple(error for error in every if not len(mission.sensors[error.sensor].series))
+    idle = tuple(error for error in every if _is_idle(error, mission))
     errors = tuple(error for error in every if error not in idle)
     clocks = Clocks(errors, np.zeros(len(errors)), idle)
     if not errors:
@@ -125,6 +130,12 @@ def find_clocks(
         log.warning("clocks: the last of %d rounds still moved %.1f sigmas", rounds, moved)
     progress("clocks", 1.0)
     return clocks
+
+
+def _is_idle(error: TimingError, mission: Mission) -> bool:
+    """Whether nothing of a sensor is used: it is empty, or another one measures the velocity."""
+    spare = error.sensor_type in ("dvl", "odometry") and error.sensor != velocity_sensor(mission)
+    return spare or not len(mission.sensors[error.sensor].series)
 
 
 def _at_first(config: Config) -> Config:

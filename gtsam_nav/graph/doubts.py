@@ -7,11 +7,14 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from gtsam_nav.graph.measurements.gnss import POSITION_OUTLIER
+from gtsam_nav.graph.online import OnlinePass
+from gtsam_nav.graph.output import keyframe_trajectory
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.scan_matching import ScanMatch
 from gtsam_nav.graph.settling import Settled
 from gtsam_nav.graph.weights import Weighed
 from gtsam_nav.mission import Mission
+from gtsam_nav.sonar.echoes import Echoes
 from gtsam_nav.trajectory import Trajectory
 
 LEAST_BELIEVED = 0.2
@@ -75,6 +78,22 @@ def unmeasured_height(keyframes: Trajectory) -> Iterator[str]:
         )
 
 
+def unsure_for_echoes(problem: Problem, online: OnlinePass, echoes: Echoes) -> tuple[str, ...]:
+    """Why the echoes are not registered jointly: their map would be as vague as they see far."""
+    if problem.measures_velocity or not len(echoes.xy_b):
+        return ()
+    filtered = keyframe_trajectory(problem.t, online.states, online.covariances)
+    assert filtered.sigma_p_n is not None
+    level_m = float(np.max(filtered.sigma_p_n[:, :2]))
+    sight_m = float(np.max(np.linalg.norm(echoes.xy_b, axis=1)))
+    if level_m <= sight_m:
+        return ()
+    return (
+        "the echoes are not registered jointly: nothing measures the velocity, and the place is"
+        f" unsure by {level_m:.0f} m (1 sigma) where the sonar sees {sight_m:.0f} m far",
+    )
+
+
 def contradictions(rows: Sequence[Weighed]) -> Iterator[str]:
     """The sensors that most of the time say something else than the solution, all in one warning.
 
@@ -84,7 +103,7 @@ def contradictions(rows: Sequence[Weighed]) -> Iterator[str]:
     for row in rows:
         kinds.setdefault((row.sensor, row.kind), []).append(row)
     members = []
-    for (sensor, _), own in kinds.items():
+    for (sensor, kind), own in kinds.items():
         rejected = sum(row.weight == 0.0 for row in own)
         median = float(np.median([row.residual for row in own]))
         if len(own) < FEWEST or not (2 * rejected > len(own) or median > CONTRADICTION):
@@ -92,11 +111,13 @@ def contradictions(rows: Sequence[Weighed]) -> Iterator[str]:
         what = f"half of its residuals are above {median:.1f} standard deviations"
         if 2 * rejected > len(own):
             what = f"{rejected} of {len(own)} measurements were left out"
-        members.append((any(row.doubted for row in own), -median, sensor, what))
+        several = sum(of == sensor for of, _ in kinds) > 1
+        measured = f" {kind.removesuffix(' outlier')}" if several and kind else ""
+        members.append((any(row.doubted for row in own), -median, sensor, f"{measured} ({what})"))
     members.sort()
     if not members:
         return
-    named = ", ".join(f"'{sensor}' ({what})" for _, _, sensor, what in members)
+    named = ", ".join(f"'{sensor}'{what}" for _, _, sensor, what in members)
     others = "" if len({sensor for _, _, sensor, _ in members}) > 1 else " and the other sensors"
     said = f"{named}{others} contradict each other"
     bare = dict.fromkeys(f"'{sensor}'" for doubted, _, sensor, _ in members if not doubted)

@@ -12,7 +12,7 @@ from gtsam_nav.config import Config
 from gtsam_nav.errors import EstimationError, PackageError
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.backend import graph_of
-from gtsam_nav.graph.clock_check import suspected_clocks
+from gtsam_nav.graph.clock_check import suspected_constants
 from gtsam_nav.graph.cloud_loops import CloudLoops, close_cloud_loops, cloud_loop_closures
 from gtsam_nav.graph.dense import dense_trajectory
 from gtsam_nav.graph.doubts import (
@@ -22,6 +22,7 @@ from gtsam_nav.graph.doubts import (
     is_georeferenced,
     missing_loops,
     unmeasured_height,
+    unsure_for_echoes,
 )
 from gtsam_nav.graph.exported import pose_graph
 from gtsam_nav.graph.factors import B, X
@@ -94,12 +95,14 @@ class _Solved:
     """The graph at its solution, and what became of the loops on the way.
 
     ``graph`` is what ``refined`` rests on; ``match_factors`` are those of the ``matches`` that were
-    accepted, in their order; ``wants_false`` whether false ones were asked for.
+    accepted, in their order; ``wants_false`` whether false ones were asked for;
+    ``unsure`` why the echoes were not registered jointly.
     """
 
     problem: Problem
     scan_keyframe: IntArray
     wants_false: bool
+    unsure: tuple[str, ...]
     online: OnlinePass
     matches: list[ScanMatch]
     match_factors: list[SensorFactor]
@@ -191,13 +194,16 @@ def _solved(
         settled = cloud_loops.settled
     with clock.stage("refinement"), states_named(problem):
         ready.clocks.describe(problem, settled.used_factors, settled.values)
+        unsure = unsure_for_echoes(problem, online, sonar.echoes) if sonar else ()
+        joined = None if unsure else sonar
         graph, refined = _refined(
-            problem, settled, match_factors, cloud_loops.entries, sonar, config, progress
+            problem, settled, match_factors, cloud_loops.entries, joined, config, progress
         )
     return _Solved(
         problem=problem,
         scan_keyframe=scan_keyframe,
         wants_false=bool(faults),
+        unsure=unsure,
         online=online,
         matches=matches,
         match_factors=match_factors,
@@ -244,7 +250,7 @@ def _solution(
             *_warnings(ready, echoes, solved, clock_offsets),
             *map_warnings,
             *unmeasured_height(keyframes),
-            *suspected_clocks(mission, problem, settled, values, rows),
+            *suspected_constants(mission, problem, settled, values, rows),
             *contradictions(rows),
         ),
         slow_states=slow_states(problem, values, covariances, constants),
@@ -271,7 +277,8 @@ def _warnings(
     yield from echoes.warnings
     yield from (warning for found in echoes.by_scans for warning in found.warnings)
     yield from solved.cloud_loops.warnings
-    yield from (offset.warning for offset in clock_offsets if not offset.observed)
+    yield from solved.unsure
+    yield from (warning for offset in clock_offsets for warning in offset.warnings)
     yield from doubts(problem, settled, converged=refined.converged)
     yield from missing_loops(solved.wants_false, solved.matches)
 

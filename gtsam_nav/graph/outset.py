@@ -20,7 +20,7 @@ from gtsam_nav.graph.robust import check_sigmas
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.alignment import Alignment, align
 from gtsam_nav.preprocess.compass_steps import without_compass_steps
-from gtsam_nav.preprocess.identified import identified
+from gtsam_nav.preprocess.identified import identified, unidentified
 from gtsam_nav.preprocess.inertial_motion import inertial_motion
 from gtsam_nav.preprocess.landmark_start import landmark_start
 from gtsam_nav.preprocess.motion import (
@@ -54,7 +54,10 @@ class Ready:
 def made_ready(mission: Mission, config: Config, clock: StageClock, progress: Progress) -> Ready:
     """Tell landmarks apart, take compass steps and timing errors off, guess the motion."""
     check_sigmas(mission, config.graph.robust)
-    if config.landmarks.association != "ids":
+    nameless: tuple[str, ...] = ()
+    if config.landmarks.association == "ids":
+        nameless = tuple(unidentified(mission))
+    else:
         with clock.stage("association"):
             mission, config = _identified(mission, config)
     with clock.stage("motion"):
@@ -66,7 +69,7 @@ def made_ready(mission: Mission, config: Config, clock: StageClock, progress: Pr
         mission = clocks.corrected(mission)
         if clocks.errors:
             start, motion = start_and_motion(mission, config)
-    return Ready(mission, config, start, motion, clocks, warnings)
+    return Ready(mission, config, start, motion, clocks, (*nameless, *warnings))
 
 
 def _identified(mission: Mission, config: Config) -> tuple[Mission, Config]:

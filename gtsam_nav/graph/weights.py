@@ -13,6 +13,9 @@ from gtsam_nav.graph.problem import Problem, Reading, SensorFactor
 from gtsam_nav.mission import Rejection
 from gtsam_nav.solution import RobustWeights
 
+WEIGHTLESS = 0.01
+"""A measurement of which the kernel leaves a smaller share is as good as left out."""
+
 
 @dataclass(frozen=True, slots=True)
 class Weighed:
@@ -120,8 +123,8 @@ def robust_weights(rows: Sequence[Weighed]) -> dict[str, RobustWeights]:
 
 
 def weightless(rows: Sequence[Weighed]) -> Iterator[Rejection]:
-    """What passed its gate, or has none, and was then left nothing by its kernel."""
+    """What passed its gate, or has none, and was then left next to nothing by its kernel."""
     for row in rows:
-        if row.used and row.weight == 0.0:
+        if row.used and row.weight < WEIGHTLESS:
             reason = f"no weight under its kernel ({row.kernel})"
             yield Rejection(row.t, row.sensor, row.index, reason, row.residual)

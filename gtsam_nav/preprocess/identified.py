@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -31,6 +32,19 @@ MOTION_EXCESS = 4.0
 """By how much the variance of dead reckoning is larger than that of white readings: their errors
 share much from one moment to the next."""
 NO_MAP = "sightings without ids are not matched with the surveyed landmarks: the map is not used"
+
+
+def unidentified(mission: Mission) -> Iterator[str]:
+    """A warning for each sensor of landmarks most of whose sightings have no id to be used by."""
+    for sensor in mission.of_type("landmarks"):
+        assert isinstance(sensor.series, LandmarkSeries)
+        ids = sensor.series.id
+        n = int(np.sum(ids < 0))
+        if 2 * n > len(ids):
+            yield (
+                f"'{sensor.name}': {n} of {len(ids)} sightings have no id and are not used;"
+                " landmarks.association=joint tells landmarks apart without"
+            )
 
 
 def identified(mission: Mission, motion: MotionSettings, settings: LandmarkSettings) -> Mission:

@@ -108,12 +108,18 @@ class VehicleMotion:
 
 def measures_velocity(mission: Mission) -> bool:
     """Whether a mission has readings of the vehicle's speed: a DVL's valid ones, or odometry."""
-    return any(
-        np.count_nonzero(sensor.series.valid) >= 2
-        if isinstance(sensor.series, DvlSeries)
-        else len(sensor.series) >= 2
-        for sensor in (*mission.of_type("dvl"), *mission.of_type("odometry"))
-    )
+    return velocity_sensor(mission) is not None
+
+
+def velocity_sensor(mission: Mission) -> str | None:
+    """Name of the sensor that the speed is taken from: the first DVL that has two valid readings,
+    else odometry."""
+    for sensor in (*mission.of_type("dvl"), *mission.of_type("odometry")):
+        series = sensor.series
+        n = np.count_nonzero(series.valid) if isinstance(series, DvlSeries) else len(series)
+        if n >= 2:
+            return sensor.name
+    return None
 
 
 def vehicle_motion(mission: Mission, start: Alignment, settings: MotionSettings) -> VehicleMotion:

@@ -87,7 +87,7 @@ def _outliers(target: str, value: str, options: dict[str, str]) -> Outliers:
     fault = Outliers(
         target,
         _share(value),
-        size_m=_take(options, "size", _span, Outliers.size_m),
+        size_m=_take(options, "size", _sizes, Outliers.size_m),
         burst=_take(options, "burst", _count, 1),
         coherent=_take(options, "coherent", _flag, False),
     )
@@ -163,6 +163,13 @@ def _count(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise ValueError(f"'{text}' is not a whole number above zero")
     return int(text)
+
+
+def _sizes(text: str) -> Span:
+    """As a span, but that both ends may be the same."""
+    smallest, _, largest = text.partition(":")
+    same = _number(smallest) == _number(largest)
+    return (_number(smallest), _number(largest)) if same else _span(text)
 
 
 def _span(text: str) -> Span:

@@ -193,3 +193,13 @@ def test_a_failed_batch_is_named_too(mission: Mission, monkeypatch: pytest.Monke
     monkeypatch.setattr(gtsam, "LevenbergMarquardtOptimizer", fail)
     with pytest.raises(EstimationError, match="keyframe 5 at"), states_named(problem):
         solve_batch(gtsam.NonlinearFactorGraph(), gtsam.Values())
+
+
+def test_a_sonar_whose_place_drifts_out_of_its_sight_is_not_registered_jointly() -> None:
+    """The map of all echoes would span kilometres, for nothing measures the velocity."""
+    whole = gn.simulate("marina", seed=7, duration_s=60.0)
+    others = [name for name in whole.sensors if name not in ("imu", "sonar")]
+    solution = gn.estimate(whole.without(*others), "graph")
+    (said,) = [w for w in solution.warnings if "not registered jointly" in w]
+    assert "nothing measures the velocity" in said
+    assert np.all(np.isfinite(solution.trajectory.p_n))

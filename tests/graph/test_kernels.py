@@ -15,8 +15,10 @@ from scipy.stats import norm
 
 import gtsam_nav as gn
 from gtsam_nav.graph import factors
+from gtsam_nav.graph.doubts import contradictions
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.robust import CUTTING, THRESHOLDS, KernelName, Robustness
+from gtsam_nav.graph.weights import Weighed, weightless
 from gtsam_nav.mission import Mission
 from gtsam_nav.series import HeadingSeries
 
@@ -121,12 +123,29 @@ def test_what_a_kernel_leaves_no_weight_is_a_rejection(disturbed: Mission, senso
     if sensor == "gnss":
         settings.append("graph.robust.gnss.gate_probability=null")
     solution = gn.estimate(disturbed, "graph", gn.load_config(None, settings))
-    weightless = solution.robust_weights[sensor].weight == 0.0
+    cut = solution.robust_weights[sensor].weight == 0.0
     said = [r for r in solution.rejections if r.reason == "no weight under its kernel (tls)"]
     assert {r.sensor for r in said} == {sensor}
-    assert len(said) == np.sum(weightless) > 0
-    wanted = solution.robust_weights[sensor].residual[weightless]
+    assert len(said) == np.sum(cut) > 0
+    wanted = solution.robust_weights[sensor].residual[cut]
     np.testing.assert_allclose(sorted(r.normalised_residual or 0.0 for r in said), sorted(wanted))
+
+
+def test_a_hundredth_of_its_weight_is_none() -> None:
+    def row(weight: float) -> Weighed:
+        return Weighed("gnss", "", 3, "geman_mcclure", True, True, 1.0, 20.0, weight)
+
+    (said,) = weightless([row(0.5), row(0.011), row(0.009)])
+    assert said.reason == "no weight under its kernel (geman_mcclure)"
+
+
+def test_what_contradicts_is_named_with_what_it_measures() -> None:
+    def rows(kind: str) -> list[Weighed]:
+        return [Weighed("gnss", kind, k, "none", True, True, 1.0, 9.0, 0.1) for k in range(20)]
+
+    (said,) = contradictions([*rows("position outlier"), *rows("velocity outlier")])
+    assert "'gnss' position (half of" in said
+    assert "'gnss' velocity (half of" in said
 
 
 def test_only_kernels_that_cut_are_put_off() -> None:

@@ -117,6 +117,18 @@ def test_sightings_without_an_id_are_recorded(robot: Mission) -> None:
     np.testing.assert_array_equal(recorded, series.row[unknown])
 
 
+def test_sightings_that_all_lack_an_id_are_said_to_be_unused(robot: Mission) -> None:
+    sensor = robot.sensors["landmarks"]
+    series = sensor.series
+    assert isinstance(series, LandmarkSeries)
+    blind = robot.with_sensor(replace(sensor, series=replace(series, id=np.full(len(series), -1))))
+    (said,) = [w for w in gn.estimate(blind, "graph").warnings if "no id" in w]
+    assert f"{len(series)} of {len(series)} sightings" in said
+    assert "landmarks.association=joint" in said
+    joint = gn.load_config(None, ["landmarks.association=joint"])
+    assert not [w for w in gn.estimate(blind, "graph", joint).warnings if "no id" in w]
+
+
 def test_a_landmark_seen_once(robot: Mission) -> None:
     sensor = robot.sensors["landmarks"]
     series = sensor.series

@@ -192,6 +192,21 @@ def test_a_doubted_clock_of_a_sensor_that_is_not_used_is_named_too(laps: Mission
     assert any("time offset of sensor 'gnss' cannot be told" in w for w in solution.warnings)
 
 
+def test_a_doubted_clock_of_odometry_beside_a_dvl_is_undetermined() -> None:
+    mission = gn.simulate("marina", seed=4, duration_s=20.0).without("sonar", "landmarks")
+    solution = gn.estimate(doubted(mission, "odometry", 0.4, sigma_s=0.5), "graph")
+    offset = found(solution, "odometry")
+    assert (offset.offset_s, offset.sigma_s, offset.observed) == (0.0, 0.5, False)
+    assert any("time offset of sensor 'odometry' cannot be told" in w for w in solution.warnings)
+
+
+def test_an_offset_far_beyond_its_stated_sigma_is_named() -> None:
+    expected = ClockOffset("gnss", "time_offset", 0.3, 0.01, 0.1)
+    assert not expected.warnings
+    (said,) = replace(expected, offset_s=-0.5).warnings
+    assert "time offset of sensor 'gnss' was found to be off by -0.5 s" in said
+
+
 @pytest.mark.parametrize(
     ("offset_s", "word"), [(0.0, None), (1.0, "late"), (-1.0, "early")], ids=str
 )
@@ -204,6 +219,13 @@ def test_a_trusted_clock_that_is_off_is_suspected(
     if word is not None:
         assert f" s {word} (sigma " in said[0]
         assert float(said[0].split()[4]) == pytest.approx(1.0, abs=0.5)
+
+
+def test_a_compass_that_is_off_is_named_in_place_of_the_clock(laps: Mission) -> None:
+    """Bent to a compass that is trusted, the way would look like late fixes."""
+    turned = gn.estimate(laps, "graph", faults=("heading:bias=40",))
+    (said,) = [w for w in turned.warnings if "seems to be" in w]
+    assert said.startswith("'heading' seems to be off by ")
 
 
 def test_two_clocks_that_are_both_doubted_are_told_apart_only_as_far_as_trusted(

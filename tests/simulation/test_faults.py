@@ -76,6 +76,7 @@ def equal(a: Series, b: Series) -> bool:
     ("spec", "fault"),
     [
         ("gnss:outliers=0.3,size=20:100,burst=5", Outliers("gnss", 0.3, (20.0, 100.0), 5)),
+        ("gnss:outliers=0.3,size=50:50", Outliers("gnss", 0.3, (50.0, 50.0))),
         ("gnss:outliers=0.1", Outliers("gnss", 0.1)),
         ("gnss:outliers=1,burst=9,coherent", Outliers("gnss", 1.0, burst=9, coherent=True)),
         ("dvl:drop=300:420", Silence("dvl", (300.0, 420.0))),

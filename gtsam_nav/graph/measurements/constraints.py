@@ -10,7 +10,8 @@ from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.problem import ConstantError, Problem
 from gtsam_nav.mission import Mission, Sensor
-from gtsam_nav.preprocess.rest import SPELL_S, Rest, Spells, initial_rest, spells_of
+from gtsam_nav.preprocess.rest import SPELL_S, Rest, Spells, initial_rest
+from gtsam_nav.preprocess.stated_rest import stated_rests
 from gtsam_nav.sensors.noise import ImuNoise
 from gtsam_nav.series import BoolArray
 
@@ -60,15 +61,16 @@ def _add_wheels(problem: Problem, config: Config) -> None:
 
 
 def _add_rests(problem: Problem, mission: Mission, config: Config) -> None:
-    """Rest: stated for a quiet IMU, or taken for granted at the start of a mission whose position
-    and velocity nothing else measures. What merely floats there keeps its velocity."""
+    """Rest: stated for an IMU that is quiet and not seen to move, or taken for granted at the start
+    of a mission whose position and velocity nothing else measures. What merely floats there keeps
+    its velocity."""
     imu = mission.first("imu")
     assert imu is not None
-    stated = config.motion.zero_velocity
     rest = initial_rest(imu)
-    if mission.constraints.zero_velocity if stated is None else stated:
-        spells = spells_of(imu)
-        _add_rest(problem, spells.select(spells.quiet), imu, config)
+    spells, warnings = stated_rests(mission, config.motion)
+    problem.warnings += warnings
+    if spells is not None:
+        _add_rest(problem, spells, imu, config)
     elif rest is not None and not problem.measures_velocity:
         if mission.first("gnss") is None:
             _add_rest(problem, rest.spells, imu, config)
