@@ -192,7 +192,7 @@ def test_biases_that_walk_between_keyframes_widen_the_noise_alone(
 @pytest.mark.slow
 def test_a_large_gyro_bias_does_not_bend_what_follows_the_fixes() -> None:
     """Compass, attitude and depth stay; the gyro is biased by 0.02 rad/s, twice its sigma."""
-    whole = gn.simulate("marina", seed=7, duration_s=150.0)
+    whole = gn.simulate("marina", seed=7, duration_s=240.0)
     mission = whole.without("dvl", "odometry", "sonar", "landmarks")
     config = gn.load_config(None, ["gnss.use=window", "gnss.window_s=[0,60]"])
     solution = gn.estimate(mission, "graph", config)
@@ -200,5 +200,5 @@ def test_a_large_gyro_bias_does_not_bend_what_follows_the_fixes() -> None:
     scores = gn.evaluate(solution)
     assert scores.ate.none is not None
     assert scores.nees is not None
-    assert scores.ate.none.mean < 10.0
+    assert scores.ate.none.mean < 30.0  # it was 750 m
     assert scores.nees.mean < 2.0
