@@ -202,3 +202,16 @@ def test_a_large_gyro_bias_does_not_bend_what_follows_the_fixes() -> None:
     assert scores.nees is not None
     assert scores.ate.none.mean < 30.0  # it was 750 m
     assert scores.nees.mean < 2.0
+
+
+@pytest.mark.slow
+def test_fixes_between_keyframes_do_not_hold_the_yaw_to_the_drifted_first_guess() -> None:
+    """Without a compass that guess turns with the gyro's bias."""
+    whole = gn.simulate("marina", seed=9, duration_s=240.0)
+    mission = whole.without("dvl", "heading", "attitude", "depth", "sonar", "landmarks")
+    config = gn.load_config(None, ["gnss.use=window", "gnss.window_s=[0,60]"])
+    scores = gn.evaluate(gn.estimate(mission, "graph", config))
+    assert scores.ate.none is not None
+    assert scores.nees is not None
+    assert scores.ate.none.mean < 6.0  # it was 12 m
+    assert scores.nees.mean < 4.0  # it was 10
