@@ -90,7 +90,7 @@ def _arms(problem: Problem, gnss: Sensor, t: Array, keyframe: IntArray) -> Array
     """
     p_fix, rpy_fix = problem.motion.at(t)
     moved_n = p_fix - problem.p_n[keyframe] + rotation_from_rpy(rpy_fix) @ gnss.xyz_b
-    return np.einsum("kji,kj->ki", problem.R_nb[keyframe], moved_n)
+    return np.asarray(np.einsum("kji,kj->ki", problem.R_nb[keyframe], moved_n))
 
 
 def error_key(receiver: int, k: int) -> int:
