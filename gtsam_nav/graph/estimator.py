@@ -42,6 +42,7 @@ from gtsam_nav.graph.output import (
     smoothed_covariances,
 )
 from gtsam_nav.graph.outset import Ready, made_ready, mission_keyframes, start_and_motion
+from gtsam_nav.graph.preintegration import integrate_all_anew
 from gtsam_nav.graph.problem import Problem, SensorFactor
 from gtsam_nav.graph.refinement import JointRefinement, Refined, refine_without_sonar
 from gtsam_nav.graph.scan_calibration import ScanCalibration, calibrate_by_scans, planar_of
@@ -293,6 +294,7 @@ def _scan_loops(
 ) -> ScanLoops:
     """The estimate with the scans' matches: closures are judged, or between submaps still found."""
     values = online.values
+    integrate_all_anew(problem, values)
     if sonar is not None and sonar.at_once:
         return close_submap_loops(
             problem, sonar.scans, scan_keyframe, online.matches, values, config, progress
@@ -311,6 +313,7 @@ def _refined(
     progress: Progress,
 ) -> tuple[Any, Refined]:
     """The last solve, and the graph that it rests on: the echoes take the place of the matches."""
+    integrate_all_anew(problem, settled.values)
     graph = graph_of(problem.entries)
     graph.push_back(settled.factors)
     if sonar is not None and not sonar.at_once and config.graph.refinement.max_iterations:

@@ -144,13 +144,15 @@ class TimingEffect:
 @dataclass(frozen=True)
 class InertialStep:
     """Preintegrated readings into a keyframe, the parameters that hold their gravity, and the
-    readings themselves, shapes (n, 3), (n, 3), with the n times that they last."""
+    readings themselves, shapes (n, 3), (n, 3), with the n times that they last; ``walking`` are the
+    parameters of biases that walk meanwhile, if they do."""
 
     pim: Any
     parameters: Any
     accel: Array
     gyro: Array
     dt: Array
+    walking: Any = None
 
 
 @dataclass

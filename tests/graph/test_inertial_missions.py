@@ -187,3 +187,31 @@ def test_biases_that_walk_between_keyframes_widen_the_noise_alone(
     ratio = np.trace(a.cov_pose_n, axis1=1, axis2=2) / np.trace(b.cov_pose_n, axis1=1, axis2=2)
     assert np.all(ratio > 0.999)
     assert 1.0 < np.mean(ratio) < 1.1
+
+
+@pytest.mark.slow
+def test_a_large_gyro_bias_does_not_bend_what_follows_the_fixes() -> None:
+    """Compass, attitude and depth stay; the gyro is biased by 0.02 rad/s, twice its sigma."""
+    whole = gn.simulate("marina", seed=7, duration_s=240.0)
+    mission = whole.without("dvl", "odometry", "sonar", "landmarks")
+    config = gn.load_config(None, ["gnss.use=window", "gnss.window_s=[0,60]"])
+    solution = gn.estimate(mission, "graph", config)
+    assert solution.warnings == ()
+    scores = gn.evaluate(solution)
+    assert scores.ate.none is not None
+    assert scores.nees is not None
+    assert scores.ate.none.mean < 30.0  # it was 750 m
+    assert scores.nees.mean < 2.0
+
+
+@pytest.mark.slow
+def test_fixes_between_keyframes_do_not_hold_the_yaw_to_the_drifted_first_guess() -> None:
+    """Without a compass that guess turns with the gyro's bias."""
+    whole = gn.simulate("marina", seed=9, duration_s=240.0)
+    mission = whole.without("dvl", "heading", "attitude", "depth", "sonar", "landmarks")
+    config = gn.load_config(None, ["gnss.use=window", "gnss.window_s=[0,60]"])
+    scores = gn.evaluate(gn.estimate(mission, "graph", config))
+    assert scores.ate.none is not None
+    assert scores.nees is not None
+    assert scores.ate.none.mean < 6.0  # it was 12 m
+    assert scores.nees.mean < 4.0  # it was 10

@@ -12,6 +12,7 @@ from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.measurements import build_problem
 from gtsam_nav.graph.measurements.imu import silences
+from gtsam_nav.graph.preintegration import integrate_anew
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.mission import InitialState, Mission, Sensor
 from gtsam_nav.preprocess.alignment import align
@@ -157,3 +158,36 @@ def test_springs_let_the_bow_rise_as_a_vehicle_on_wheels_speeds_up() -> None:
     assert residual(softness)[8] == pytest.approx(0.0, abs=1e-9)
     slope = (residual(softness + h) - residual(softness - h)) / (2 * h)
     np.testing.assert_allclose(derivative[8], slope[8], rtol=0.02)
+
+
+def biased_rest(bias: Array, span_s: float) -> tuple[Problem, object]:
+    """A still vehicle whose gyro is biased; that bias, which the problem does not know at first."""
+    t = np.arange(0.0, span_s + 0.01, 0.01)
+    force = np.tile([0.0, 0.0, -9.80665], (len(t), 1))
+    series = ImuSeries(t=t, gyro_i=np.tile(bias, (len(t), 1)), accel_i=force)
+    noise = {"gyro_bias_sigma_rad_s": 0.02, "gyro_noise_density_rad_s_sqrt_hz": 1.0}
+    imu = Sensor(name="imu", type="imu", series=series, noise=noise)
+    problem = problem_of(imu, np.array([0.0, span_s]), mission_origin=False)
+    return problem, gtsam.imuBias.ConstantBias(np.zeros(3), bias)
+
+
+def test_readings_are_integrated_anew_where_the_bias_is_another() -> None:
+    """0.1 rad of bias over 5 s: its square, by gravity, would be 0.1 m along the vertical."""
+    problem, believed = biased_rest(np.array([0.02, 0.0, 0.0]), 5.0)
+    still = factors.nav_state(np.eye(3), np.zeros(3), np.zeros(3))
+    step = problem.steps[1]
+    assert step is not None
+    assert abs(step.pim.predict(still, believed).position()[2]) > 0.05
+    count = len(problem.factors[1])
+    assert integrate_anew(problem, 1, believed)
+    assert not integrate_anew(problem, 1, believed)
+    step = problem.steps[1]
+    assert step is not None
+    np.testing.assert_allclose(step.pim.predict(still, believed).position(), 0.0, atol=1e-3)
+    assert len(problem.factors[1]) == count
+    (imu,) = (e for e in problem.factors[1] if isinstance(e.gaussian, gtsam.ImuFactor2))
+    values = gtsam.Values()
+    for k in (0, 1):
+        values.insert(X(k), still)
+    values.insert(B(0), believed)
+    np.testing.assert_allclose(imu.gaussian.unwhitenedError(values), 0.0, atol=1e-3)

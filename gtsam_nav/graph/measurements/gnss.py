@@ -62,14 +62,14 @@ def _add_positions(
         sigma[:, 2] = np.inf
     if shares_error:
         _add_shared_error(problem, gnss.name, number, keyframe, series.sigma, noise)
-    p_n = _carried(problem, gnss, series, keyframe)
+    arm_b = _arms(problem, gnss, series.t, keyframe)
     for i, k in enumerate(keyframe.tolist()):
 
         def make(state_at: StateAt, i: int = i, k: int = k) -> Any:
             if not shares_error:
-                return factors.gnss(X(k), p_n[i], gnss.xyz_b, sigma[i])
-            arm_n = state_at(X(k)).attitude().matrix() @ gnss.xyz_b
-            return factors.gnss_with_error(error_key(number, k), X(k), p_n[i] - arm_n, sigma[i])
+                return factors.gnss(X(k), series.p_n[i], arm_b[i], sigma[i])
+            p_n = series.p_n[i] - state_at(X(k)).attitude().matrix() @ arm_b[i]
+            return factors.gnss_with_error(error_key(number, k), X(k), p_n, sigma[i])
 
         problem.readings[k].append(
             Reading(
@@ -83,12 +83,14 @@ def _add_positions(
         )
 
 
-def _carried(problem: Problem, gnss: Sensor, series: GnssSeries, keyframe: IntArray) -> Array:
-    """Antenna positions as they would be at the keyframes."""
-    p_fix, rpy_fix = problem.motion.at(series.t)
-    p_key, rpy_key = problem.motion.at(problem.t[keyframe])
-    arm_moved = (rotation_from_rpy(rpy_fix) - rotation_from_rpy(rpy_key)) @ gnss.xyz_b
-    return np.asarray(series.p_n - (p_fix - p_key) - arm_moved)
+def _arms(problem: Problem, gnss: Sensor, t: Array, keyframe: IntArray) -> Array:
+    """From the keyframes to where the antenna is at the fixes, in the keyframes' body axes.
+
+    They turn with the estimate: the motion's own yaw may have drifted, as without a compass.
+    """
+    p_fix, rpy_fix = problem.motion.at(t)
+    moved_n = p_fix - problem.p_n[keyframe] + rotation_from_rpy(rpy_fix) @ gnss.xyz_b
+    return np.asarray(np.einsum("kji,kj->ki", problem.R_nb[keyframe], moved_n))
 
 
 def error_key(receiver: int, k: int) -> int:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Any
 
 import gtsam
 import numpy as np
@@ -11,10 +10,11 @@ import numpy as np
 from gtsam_nav.config import Config
 from gtsam_nav.frames import Array, Origin
 from gtsam_nav.graph import factors
-from gtsam_nav.graph.factors import B, X
+from gtsam_nav.graph.factors import B
 from gtsam_nav.graph.measurements.orientation import add_unmeasured_turn
 from gtsam_nav.graph.measurements.velocity import add_velocity
-from gtsam_nav.graph.problem import InertialStep, Problem
+from gtsam_nav.graph.preintegration import add_step
+from gtsam_nav.graph.problem import Problem
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.motion import measures_velocity
 from gtsam_nav.preprocess.strapdown import gravity_at
@@ -64,7 +64,7 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
             walking = None
             if config.graph.imu_preintegration == "combined":
                 walking = factors.imu_parameters(imu, mission.origin, p_n, combined=True)
-            _add_step(problem, k, parameters, *readings[k - 1], walking)
+            add_step(problem, k, parameters, *readings[k - 1], walking)
         elif problem.measures_velocity and has_tilt:
             add_velocity(problem, k, config)
             add_unmeasured_turn(problem, k)
@@ -124,37 +124,6 @@ def _covered(imu: ImuSeries, t_key: Array) -> BoolArray:
     return covered
 
 
-def _add_step(
-    problem: Problem,
-    k: int,
-    parameters: Any,
-    accel: Array,
-    gyro: Array,
-    dt: Array,
-    walking: Any = None,
-) -> None:
-    """One preintegrated factor; with ``walking`` parameters, its noise is the combined form's.
-
-    GTSAM's combined factor knows no NavState, and ties the walk of the biases to what it does to
-    the motion; here the one is a factor of its own and the other widens the noise.
-    """
-    pim = gtsam.PreintegratedImuMeasurements(parameters, problem.bias)
-    _integrate(pim, accel, gyro, dt)
-    problem.steps[k] = InertialStep(pim, parameters, accel, gyro, dt)
-    factor: Any = gtsam.ImuFactor2(X(k - 1), X(k), B(k - 1), pim)
-    if walking is not None:
-        combined = gtsam.PreintegratedCombinedMeasurements(walking, problem.bias)
-        _integrate(combined, accel, gyro, dt)
-        cov = combined.preintMeasCov()[:9, :9]
-        factor = factor.cloneWithNewNoiseModel(gtsam.noiseModel.Gaussian.Covariance(cov))
-    problem.add(k, "imu", factor)
-
-
-def _integrate(pim: Any, accel: Array, gyro: Array, dt: Array) -> None:
-    for f, omega, step_s in zip(list(accel), list(gyro), dt.tolist(), strict=True):
-        pim.integrateMeasurement(f, omega, step_s)
-
-
 def _coast(problem: Problem, k: int, origin: Origin | None, imu: Sensor) -> None:
     """Constant velocity and attitude, as uncertain as this vehicle's habits make them."""
     series = imu.series
@@ -172,7 +141,7 @@ def _coast(problem: Problem, k: int, origin: Origin | None, imu: Sensor) -> None
     # the estimated biases are taken off again
     force_b = -problem.R_nb[k - 1].T @ gravity_n + problem.bias.accelerometer()
     readings = np.tile([force_b, problem.bias.gyroscope()], (n, 1, 1))
-    _add_step(problem, k, parameters, readings[:, 0], readings[:, 1], np.full(n, span_s / n))
+    add_step(problem, k, parameters, readings[:, 0], readings[:, 1], np.full(n, span_s / n))
 
 
 def _habit(t: Array, readings: Array) -> float:
