@@ -186,12 +186,13 @@ def _solved(
         online = run_online(problem, scans, scan_keyframe, config, progress, faults)
     values = online.values
     with clock.stage("loops"), states_named(problem):
-        matches = judged(online.matches, problem, values, scan_keyframe, config)
+        matches, without_loops = judged(online.matches, problem, values, scan_keyframe, config)
     joined = [m for m in matches if m.accepted]
     match_factors = [match_factor(m, scan_keyframe, robust.loops) for m in joined]
     others = [*problem.entries, *match_factors]
     with clock.stage("batch"), states_named(problem):
-        settled = settle(problem, others, values)
+        believed = without_loops.used if without_loops else None
+        settled = settle(problem, others, values, believed)
     with clock.stage("cloud loops"), states_named(problem):
         cloud_loops = close_cloud_loops(problem, echoes.track, others, settled, config, progress)
         settled = cloud_loops.settled
