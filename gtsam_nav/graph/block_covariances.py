@@ -64,8 +64,8 @@ def _by_fronts(graph: Any, values: Any, groups: Sequence[tuple[int, ...]]) -> li
     wanted = [np.concatenate([own[key] for key in keys]) for keys in groups]
     H = _with_entries(jacobian.T @ jacobian, wanted)
     factor = Factor(H, *fronts_of(H, *_nodes(columns, values)))
-    free = factor.covariances(wanted)
-    return [_whole_tangents(keys, cov) for keys, cov in zip(groups, free, strict=True)]
+    found = factor.covariances(wanted)
+    return [_whole_tangents(keys, cov) for keys, cov in zip(groups, found, strict=True)]
 
 
 def _with_entries(H: Any, blocks: Sequence[IntArray]) -> Any:
@@ -99,15 +99,11 @@ def _is_landmark(key: int) -> bool:
     return chr(gtsam.Symbol(key).chr()) == "l"
 
 
-def _whole_tangents(keys: tuple[int, ...], free: Array) -> Array:
+def _whole_tangents(keys: tuple[int, ...], cov: Array) -> Array:
     """A covariance of free parts among the whole tangents, of which the rest is pinned."""
     first = np.cumsum([0, *(tangent_width(key) for key in keys)])
-    at = np.concatenate(
-        [
-            np.arange(tangent_width(key))[free_part(key)] + f
-            for key, f in zip(keys, first, strict=False)
-        ]
-    )
+    free = [np.arange(tangent_width(key))[free_part(key)] for key in keys]
+    at = np.concatenate([own + start for own, start in zip(free, first, strict=False)])
     whole = np.zeros((first[-1], first[-1]))
-    whole[np.ix_(at, at)] = free
+    whole[np.ix_(at, at)] = cov
     return whole

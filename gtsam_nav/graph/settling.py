@@ -202,7 +202,7 @@ class _Batch:
     def pass_alone(self, estimate: _Estimate) -> BoolArray:
         """Which readings pass their gates by their residuals alone, or have none."""
         self._gated_rows(estimate)
-        return ~self.gated | (estimate.squared <= self.limit)
+        return np.asarray(~self.gated | (estimate.squared <= self.limit))
 
     def explained(self, estimate: _Estimate) -> bool:
         """Whether an estimate, found under kernels, leaves but few readings beyond their gates.
