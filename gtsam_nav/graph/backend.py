@@ -14,16 +14,12 @@ from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.problem import Problem, Reading, SensorFactor
 from gtsam_nav.graph.robust import Robustness
-from gtsam_nav.graph.scan_matching import LOOP, PlanarPose
+from gtsam_nav.graph.scan_matching import PlanarPose
 
 RELINEARIZE_TURN_RAD, RELINEARIZE_MOVE = 0.05, 0.5
 """iSAM2 linearises a state anew once it has turned so far, or moved (m, m/s): residuals bend with
 turns, and are all but straight in positions."""
 RELINEARIZE_BIAS = 0.05
-LOOPS_PER_ORDERING = 20
-"""Each loop is eliminated after all that it spans, where the last one left the order: after so many
-iSAM2 orders everything anew, which takes one solve and makes the next updates as cheap as before
-them."""
 DOUBTED = Robustness(kernel="cauchy")
 """Of readings that may be outliers: while they come in, none is judged for good."""
 
@@ -55,9 +51,7 @@ class Backend:
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
         # a first sighting ties a landmark to the vehicle alone
-        self._by_qr = problem.is_stiff or (problem.uses_imu and bool(problem.landmarks))
-        self._isam = _isam2(self._by_qr)
-        self._loops_since_ordering = 0
+        self._isam = _isam2(problem.is_stiff or (problem.uses_imu and bool(problem.landmarks)))
         self._new_factors = gtsam.NonlinearFactorGraph()
         self._new_values = gtsam.Values()
         self._last_state: Any = None
@@ -93,24 +87,15 @@ class Backend:
     def add_factor(self, entry: SensorFactor) -> None:
         """Queue one factor."""
         self._new_factors.add(entry.at_first)
-        self._loops_since_ordering += entry.sensor == LOOP
 
     def update(self) -> None:
         """Let iSAM2 take in what is queued."""
         try:
             self._isam.update(self._new_factors, self._new_values)
-            if self._loops_since_ordering >= LOOPS_PER_ORDERING:
-                self._order_anew()
         except RuntimeError as error:
             raise EstimationError(f"iSAM2 failed: {_first_lines(error)}") from error
         self._new_factors = gtsam.NonlinearFactorGraph()
         self._new_values = gtsam.Values()
-
-    def _order_anew(self) -> None:
-        """Put all factors into an iSAM2 of its own at the current estimate."""
-        fresh = _isam2(self._by_qr)
-        fresh.update(self._isam.getFactorsUnsafe(), self._isam.calculateEstimate())
-        self._isam, self._loops_since_ordering = fresh, 0
 
     def state(self, k: int) -> Any:
         """Current estimate of keyframe k, from which the next one is predicted."""
