@@ -197,7 +197,8 @@ class _Batch:
     def among(self, believed: Collection[Reading]) -> BoolArray:
         """Which readings are to be used: those believed, and those that have no gate."""
         ids = {id(reading) for reading in believed}
-        return ~self.gated | np.array([id(r) in ids for r in self.readings], dtype=bool)
+        known = np.array([id(reading) in ids for reading in self.readings], dtype=bool)
+        return np.asarray(~self.gated | known)
 
     def pass_alone(self, estimate: _Estimate) -> BoolArray:
         """Which readings pass their gates by their residuals alone, or have none."""
