@@ -62,6 +62,32 @@ def nested_dissection(adjacent: Any, place: Array, width: IntArray) -> Fronts:
     return fronts
 
 
+def fronts_of(matrix: Any, node: IntArray, place: Array) -> tuple[list[IntArray], list[int]]:
+    """Columns of each front of a matrix, and each one's parent, as `Factor` takes them.
+
+    Parameters
+    ----------
+    matrix : scipy.sparse array, shape (N, N)
+        With an entry wherever columns touch each other.
+    node : ndarray of int, shape (N,)
+        Of each column: those of a node stay together.
+    place : ndarray, shape (n, 2)
+        Of each node, as for `nested_dissection`.
+    """
+    from scipy.sparse import coo_array
+
+    n = len(place)
+    entries = matrix.tocoo()
+    pairs = np.unique(node[entries.row] * n + node[entries.col])
+    ones = np.ones(len(pairs), dtype=np.int32)
+    adjacent = coo_array((ones, (pairs // n, pairs % n)), shape=(n, n)).tocsr()
+    width = np.bincount(node, minlength=n)
+    fronts = nested_dissection(adjacent, place, width)
+    by_node = np.split(np.argsort(node, kind="stable"), np.cumsum(width)[:-1])
+    columns = [np.concatenate([by_node[k] for k in nodes.tolist()]) for nodes in fronts.nodes]
+    return columns, fronts.parent
+
+
 def _divide(
     nodes: IntArray, adjacent: Any, place: Array, width: IntArray, fronts: Fronts
 ) -> list[int]:

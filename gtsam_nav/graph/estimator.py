@@ -299,8 +299,9 @@ def _scan_loops(
         return close_submap_loops(
             problem, sonar.scans, scan_keyframe, online.matches, values, config, progress
         )
-    matches = judged(online.matches, problem, values, scan_keyframe, config)
-    return with_matches(problem, matches, scan_keyframe, values, config)
+    matches, without = judged(online.matches, problem, values, scan_keyframe, config)
+    believed = without.used if without else None
+    return with_matches(problem, matches, scan_keyframe, values, config, believed)
 
 
 def _refined(

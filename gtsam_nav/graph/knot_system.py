@@ -16,7 +16,7 @@ import numpy as np
 
 from gtsam_nav.errors import EstimationError
 from gtsam_nav.frames import Array
-from gtsam_nav.graph.dissection import nested_dissection
+from gtsam_nav.graph.dissection import fronts_of
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.multifrontal import Factor
 from gtsam_nav.graph.problem import Problem
@@ -86,7 +86,7 @@ class KnotSystem:
         node, node_keyframe = _nodes(keyframe[self.chain.left_over], is_planar)
         ne = np.array([values.atNavState(X(k)).position()[:2] for k in range(len(problem.t))])
         place = np.where(node_keyframe[:, None] >= 0, ne[node_keyframe], np.nan)
-        self._fronts = _fronts(abs(self._H) + self._among_outer(touching), node, place)
+        self._fronts = fronts_of(abs(self._H) + self._among_outer(touching), node, place)
 
     def with_sonar(self, A: Any, gradient: Array) -> JointPosterior:
         """The Gaussian that the sensors and the sonar make together.
@@ -238,22 +238,6 @@ def _nodes(keyframe: IntArray, is_planar: BoolArray) -> tuple[IntArray, IntArray
     code = np.where(keyframe < 0, -1, 2 * keyframe + is_planar)
     codes, node = np.unique(code, return_inverse=True)
     return node, codes // 2
-
-
-def _fronts(matrix: Any, node: IntArray, place: Array) -> tuple[list[IntArray], list[int]]:
-    """Columns of each front of a matrix, and each one's parent."""
-    from scipy.sparse import coo_array
-
-    n = len(place)
-    entries = matrix.tocoo()
-    pairs = np.unique(node[entries.row] * n + node[entries.col])
-    ones = np.ones(len(pairs), dtype=np.int32)
-    adjacent = coo_array((ones, (pairs // n, pairs % n)), shape=(n, n)).tocsr()
-    width = np.bincount(node, minlength=n)
-    fronts = nested_dissection(adjacent, place, width)
-    by_node = np.split(np.argsort(node, kind="stable"), np.cumsum(width)[:-1])
-    columns = [np.concatenate([by_node[k] for k in nodes.tolist()]) for nodes in fronts.nodes]
-    return columns, fronts.parent
 
 
 def _eliminated(matrix: Any, columns: list[IntArray], parent: list[int]) -> Factor:

@@ -23,7 +23,7 @@ from gtsam_nav.graph.online import match_factor
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.scan_matching import ScanMatch
 from gtsam_nav.graph.sensor_posterior import sensor_posterior
-from gtsam_nav.graph.settling import settle
+from gtsam_nav.graph.settling import Settled, settle
 from gtsam_nav.series import IntArray
 
 log = logging.getLogger(__name__)
@@ -35,7 +35,7 @@ def judged(
     values: Any,
     scan_keyframe: IntArray,
     config: Config,
-) -> list[ScanMatch]:
+) -> tuple[list[ScanMatch], Settled | None]:
     """All matches, of the accepted closures only those that pass still so.
 
     Parameters
@@ -44,11 +44,17 @@ def judged(
         Those of consecutive scans are left alone.
     values : gtsam.Values
         Start.
+
+    Returns
+    -------
+    matches : list of ScanMatch
+    settled : Settled or None
+        The solution without any closure that they were judged by, if any were.
     """
     settings, robust = config.graph.loops, config.graph.robust
     loops = [m for m in matches if m.is_loop and m.accepted]
     if not loops or (settings.consistency_probability is None and settings.arbiter == "none"):
-        return list(matches)
+        return list(matches), None
     consecutive = [
         match_factor(m, scan_keyframe, robust.loops)
         for m in matches
@@ -81,4 +87,4 @@ def judged(
         for m, reason, residual in zip(loops, reasons, residuals, strict=True)
         if reason
     }
-    return [verdicts.get(id(m), m) for m in matches]
+    return [verdicts.get(id(m), m) for m in matches], settled

@@ -90,15 +90,8 @@ def constants_given(system: LinearSystem, left: Array, x: Array, U: Array) -> Co
 def linearised(graph: Any, values: Any, problem: Problem) -> LinearSystem:
     """Linearise a graph that begins with the problem's own factors in their order, and the
     readings in use."""
-    from scipy.sparse import csc_array
-
-    columns, free = _columns(values)
-    i, j, s = graph.linearize(values).sparseJacobian_()
-    entries = (s, (i.astype(np.int64) - 1, j.astype(np.int64) - 1))
-    # rows of zeros at the end have no entry
-    rows = sum(graph.at(f).dim() for f in range(graph.size()))
-    augmented = csc_array(entries, shape=(rows, int(j.max())))
-    jacobian, b = augmented[:, free], augmented[:, [-1]].toarray()[:, 0]
+    columns, jacobian, b = whitened_jacobian(graph, values)
+    rows = len(b)
     effect, precision, prior_mean = _constant_errors(problem, values, rows)
     return LinearSystem(
         values=values,
@@ -109,6 +102,28 @@ def linearised(graph: Any, values: Any, problem: Problem) -> LinearSystem:
         h_dd=effect.T @ effect + np.diag(precision),
         g_d=effect.T @ b + precision * prior_mean,
     )
+
+
+def whitened_jacobian(graph: Any, values: Any) -> tuple[dict[int, slice], Any, Array]:
+    """A graph's derivative in the free parts of its variables, and its residuals.
+
+    Returns
+    -------
+    columns : dict of int to slice
+        As in `LinearSystem`.
+    jacobian : scipy.sparse.csc_array, shape (rows, N)
+    b : ndarray, shape (rows,)
+        What a step is to make up for.
+    """
+    from scipy.sparse import csc_array
+
+    columns, free = _columns(values)
+    i, j, s = graph.linearize(values).sparseJacobian_()
+    entries = (s, (i.astype(np.int64) - 1, j.astype(np.int64) - 1))
+    # rows of zeros at the end have no entry
+    rows = sum(graph.at(f).dim() for f in range(graph.size()))
+    augmented = csc_array(entries, shape=(rows, int(j.max())))
+    return columns, augmented[:, free], augmented[:, [-1]].toarray()[:, 0]
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,9 @@ rejection and for re-admission.
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import gtsam
@@ -22,7 +23,8 @@ import numpy as np
 
 from gtsam_nav.frames import Array
 from gtsam_nav.graph import factors
-from gtsam_nav.graph.backend import Covariances, solve_batch
+from gtsam_nav.graph.backend import solve_batch
+from gtsam_nav.graph.block_covariances import joint_covariances
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.problem import Problem, Reading, SensorFactor
 from gtsam_nav.graph.robust import CUTTING, Robustness
@@ -39,8 +41,10 @@ TRUSTED = ("velocity",)
 NARROWING = 4.0
 """By which the kernel's scale shrinks from one solve of the robust start to the next."""
 MAX_ROUNDS = 12
-STILL_M = 1e-3
-"""Readings are made anew until no keyframe moves further."""
+STILL_SIGMAS = 0.01
+"""Readings are made anew until none tells anything else by more of its noise."""
+FEW_BEYOND = 0.02
+"""Where a larger share of the readings lies beyond its gates at the start, this may be bent."""
 CLEAR_SHARE = 0.3
 """A reading in use whose residual alone stays below this share of its limit passes unexamined."""
 LEAST_OWN_SHARE = 1e-3
@@ -75,7 +79,12 @@ class Settled:
         return tuple(zip(self.used, made, strict=True))
 
 
-def settle(problem: Problem, entries: Sequence[SensorFactor], values: Any) -> Settled:
+def settle(
+    problem: Problem,
+    entries: Sequence[SensorFactor],
+    values: Any,
+    believed: Collection[Reading] | None = None,
+) -> Settled:
     """Solve a problem's batch with its readings, leaving out what is an outlier.
 
     Parameters
@@ -84,9 +93,17 @@ def settle(problem: Problem, entries: Sequence[SensorFactor], values: Any) -> Se
         Everything but the readings.
     values : gtsam.Values
         Start.
+    believed : collection of Reading, optional
+        Those that passed in another solution that is as near: it takes the robust start's place.
     """
-    estimate, used = _Batch(problem, entries, at_first=True).robust_start(values)
     batch = _Batch(problem, entries)
+    estimate = batch.at(values)
+    if believed is not None:
+        used = batch.among(believed)
+    elif batch.explained(estimate):
+        used = batch.pass_alone(estimate)
+    else:
+        estimate, used = _Batch(problem, entries, at_first=True).robust_start(estimate)
     changed, rounds = True, 0
     while changed and rounds < MAX_ROUNDS:
         estimate = batch.solved(estimate, used)
@@ -114,10 +131,24 @@ class _Estimate:
     values: Any
     made: list[Any]
 
-    @property
+    @cached_property
+    def errors(self) -> Array:
+        """Whitened residuals of the readings, one after the other."""
+        return np.concatenate([np.empty(0), *(f.whitenedError(self.values) for f in self.made)])
+
+    @cached_property
     def squared(self) -> Array:
         """Squared whitened residuals of the readings."""
         return np.array([float(np.sum(f.whitenedError(self.values) ** 2)) for f in self.made])
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """The whitened rows of a reading that tell anything: ``A step = b`` for its variables."""
+
+    keys: tuple[int, ...]
+    A: Array
+    b: Array
 
 
 class _Batch:
@@ -135,6 +166,7 @@ class _Batch:
         self.gated = np.array([reading.is_gated for reading in self.readings], dtype=bool)
         cuts = np.array([r.robustness.kernel in CUTTING for r in self.readings], dtype=bool)
         self.doubted = self.gated | cuts
+        self.cuts = bool(np.any(cuts)) or any(e.robustness.kernel in CUTTING for e in entries)
         self.limit = np.full(len(self.readings), np.inf)
 
     def at(self, values: Any) -> _Estimate:
@@ -162,7 +194,27 @@ class _Batch:
     def _robustness(self, i: int, doubted: Robustness | None) -> Robustness:
         return doubted if doubted is not None and self.doubted[i] else self.readings[i].robustness
 
-    def robust_start(self, values: Any) -> tuple[_Estimate, BoolArray]:
+    def among(self, believed: Collection[Reading]) -> BoolArray:
+        """Which readings are to be used: those believed, and those that have no gate."""
+        ids = {id(reading) for reading in believed}
+        known = np.array([id(reading) in ids for reading in self.readings], dtype=bool)
+        return np.asarray(~self.gated | known)
+
+    def pass_alone(self, estimate: _Estimate) -> BoolArray:
+        """Which readings pass their gates by their residuals alone, or have none."""
+        self._gated_rows(estimate)
+        return np.asarray(~self.gated | (estimate.squared <= self.limit))
+
+    def explained(self, estimate: _Estimate) -> bool:
+        """Whether an estimate, found under kernels, leaves but few readings beyond their gates.
+
+        Where outliers have bent it, it contradicts what is good. Kernels that cut need a solution
+        nearer than that.
+        """
+        passing = self.pass_alone(estimate)[self.gated]
+        return not self.cuts and bool(np.sum(~passing) <= FEW_BEYOND * len(passing))
+
+    def robust_start(self, estimate: _Estimate) -> tuple[_Estimate, BoolArray]:
         """Solve under a Cauchy kernel that narrows from a width that lets every reading in.
 
         Returns
@@ -171,7 +223,6 @@ class _Batch:
         used : ndarray of bool
             Which readings pass their gates there.
         """
-        estimate = self.at(values)
         everything = np.ones(len(self.readings), dtype=bool)
         scale = float(np.sqrt(np.max(estimate.squared[self.doubted], initial=0.0)))
         while True:
@@ -185,11 +236,12 @@ class _Batch:
 
     def solved(self, estimate: _Estimate, used: BoolArray) -> _Estimate:
         """Solve with Gaussian readings, made anew until that moves nothing any more."""
-        moved, rounds = np.inf, 0
-        while moved > STILL_M and rounds < MAX_ROUNDS:
-            before = self._positions(estimate.values)
+        change, rounds = np.inf, 0
+        while change > STILL_SIGMAS and rounds < MAX_ROUNDS:
+            before = estimate
             estimate = self._solved_once(estimate, used)
-            moved = float(np.max(np.abs(self._positions(estimate.values) - before)))
+            stale = _Estimate(estimate.values, before.made)
+            change = float(np.max(np.abs(estimate.errors - stale.errors), initial=0.0))
             rounds += 1
         return estimate
 
@@ -202,9 +254,6 @@ class _Batch:
         whole.push_back(self.factors(estimate, used, doubted))
         return self.at(solve_batch(whole, estimate.values, self.problem.is_stiff))
 
-    def _positions(self, values: Any) -> Array:
-        return np.array([values.atNavState(X(k)).position() for k in range(len(self.problem.t))])
-
     def judged(
         self, estimate: _Estimate, weight: Array, doubted: Robustness | None = None
     ) -> Array:
@@ -213,23 +262,33 @@ class _Batch:
         Where the residual alone decides, the prediction's covariance is not computed: it can only
         raise that of a reading in use, and lower that of another.
         """
+        rows = self._gated_rows(estimate)
+        squared = np.zeros(len(self.readings))
+        squared[list(rows)] = [float(own.b @ own.b) for own in rows.values()]
+        examined = squared > np.where(weight > 0.0, CLEAR_SHARE, 1.0) * self.limit
+        groups = sorted({rows[i].keys for i in np.flatnonzero(examined).tolist()})
         whole = gtsam.NonlinearFactorGraph(self.graph)
         whole.push_back(self.factors(estimate, weight > 0, doubted))
-        covariances = Covariances(whole, estimate.values, self.problem.is_stiff)
-        squared = np.zeros(len(self.readings))
+        found = joint_covariances(whole, estimate.values, groups, self.problem.is_stiff)
+        covariance = dict(zip(groups, found, strict=True))
+        for i in np.flatnonzero(examined).tolist():
+            own = rows[i]
+            M = own.A @ covariance[own.keys] @ own.A.T
+            squared[i] = _by_all_others(own.b, M, float(weight[i]))
+        return squared
+
+    def _gated_rows(self, estimate: _Estimate) -> dict[int, _Rows]:
+        """What each gated reading tells; fills in the limits."""
+        rows = {}
         for i in np.flatnonzero(self.gated).tolist():
             linear = estimate.made[i].linearize(estimate.values)
             A, b = linear.jacobian()
-            rows = np.any(A != 0.0, axis=1)
+            tells = np.any(A != 0.0, axis=1)
+            rows[i] = _Rows(tuple(linear.keys()), A[tells], b[tells])
             probability = self.readings[i].robustness.gate_probability
             assert probability is not None
-            squared[i] = float(b @ b)
-            self.limit[i] = chi2_limit(probability, int(np.sum(rows)))
-            clear = CLEAR_SHARE if weight[i] > 0.0 else 1.0
-            if squared[i] > clear * self.limit[i]:
-                P = covariances.joint(list(linear.keys()))
-                squared[i] = _by_all_others(b[rows], A[rows] @ P @ A[rows].T, float(weight[i]))
-        return squared
+            self.limit[i] = chi2_limit(probability, int(np.sum(tells)))
+        return rows
 
 
 def _by_all_others(e: Array, M: Array, weight: float) -> float:

@@ -9,7 +9,7 @@ accepted sharpens the estimate, so that the search goes on where it was too vagu
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,7 +21,7 @@ from gtsam_nav.graph.backend import Covariances, graph_of, planar_rows
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.loop_judging import judged
 from gtsam_nav.graph.online import match_factor
-from gtsam_nav.graph.problem import Problem, SensorFactor
+from gtsam_nav.graph.problem import Problem, Reading, SensorFactor
 from gtsam_nav.graph.scan_matching import PlanarPose, ScanMatch, between, relative_pose
 from gtsam_nav.graph.settings import SubmapLoopSettings
 from gtsam_nav.graph.settling import Settled, settle
@@ -81,7 +81,7 @@ def close_submap_loops(
             found.append(known.pop((a, b)) if (a, b) in known else track.matched(a, b))
             progress("loops", (n + i / len(pairs)) / MAX_ROUNDS)
         matches = [*consecutive, *known.values(), *found]
-        matches = judged(matches, problem, open_loop.settled.values, scan_keyframe, config)
+        matches, _ = judged(matches, problem, open_loop.settled.values, scan_keyframe, config)
         before = {(m.a, m.b) for m in done.matches if m.accepted}
         done = with_matches(problem, matches, scan_keyframe, done.settled.values, config)
         now = {(m.a, m.b) for m in matches if m.accepted}
@@ -93,13 +93,22 @@ def close_submap_loops(
 
 
 def with_matches(
-    problem: Problem, matches: list[ScanMatch], scan_keyframe: IntArray, values: Any, config: Config
+    problem: Problem,
+    matches: list[ScanMatch],
+    scan_keyframe: IntArray,
+    values: Any,
+    config: Config,
+    believed: Collection[Reading] | None = None,
 ) -> ScanLoops:
-    """Settle the estimate with those of some matches that are accepted."""
+    """Settle the estimate with those of some matches that are accepted.
+
+    The readings that are believed, if that is known, spare the robust start.
+    """
     joined = [
         match_factor(m, scan_keyframe, config.graph.robust.loops) for m in matches if m.accepted
     ]
-    return ScanLoops(matches, joined, settle(problem, [*problem.entries, *joined], values))
+    settled = settle(problem, [*problem.entries, *joined], values, believed)
+    return ScanLoops(matches, joined, settled)
 
 
 class _Track:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 
 import gtsam_nav as gn
 from gtsam_nav.frames import Array
+from gtsam_nav.graph import settling
 from gtsam_nav.graph.settling import _by_all_others
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.gnss_policy import split_fixes
@@ -101,6 +103,23 @@ def test_outliers_in_bursts_are_found_and_nothing_else(
     assert solution.gnss_used == n - len(found)
     residuals = [r.normalised_residual for r in solution.rejections if r.index in found]
     assert min(r for r in residuals if r is not None) > 3.0
+
+
+def test_only_outliers_call_for_the_robust_start(
+    laps: Mission, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started: list[int] = []
+    plain = settling._Batch.robust_start
+
+    def counted(batch: settling._Batch, estimate: settling._Estimate) -> Any:
+        started.append(1)
+        return plain(batch, estimate)
+
+    monkeypatch.setattr(settling._Batch, "robust_start", counted)
+    gn.estimate(laps, "graph")
+    assert not started
+    gn.estimate(displaced(laps, np.arange(90) % 5 == 2, seed=2), "graph")
+    assert started
 
 
 @pytest.mark.slow
