@@ -74,8 +74,11 @@ class KnotSystem:
         self.turn = _turned_into_n(self.system, keyframes)
         H = (self.turn @ self.system.H @ self.turn.T).tocsc()
         keyframe = _keyframes_of_columns(self.system, len(problem.t))
-        inner = _between(H, keyframe, keyframes, len(problem.t))
-        self.chain = _eliminated(H, *_components(H, inner))
+        # a variable's covariance is wanted whole, whether its parts touch or not
+        own = [np.arange(c.start, c.stop) for c in self.system.columns.values()]
+        meeting = abs(H) + _pattern(own, len(self.system.g))
+        inner = _between(meeting, keyframe, keyframes, len(problem.t))
+        self.chain = _eliminated(H, *_components(meeting, inner), meeting)
         self._H = self.chain.remainder(H)
         self.right = self.chain.forward(self.turn @ np.column_stack([self.system.g, self.system.h]))
         starts = np.array([self.system.columns[X(k)].start for k in keyframes.tolist()])
@@ -86,7 +89,10 @@ class KnotSystem:
         node, node_keyframe = _nodes(keyframe[self.chain.left_over], is_planar)
         ne = np.array([values.atNavState(X(k)).position()[:2] for k in range(len(problem.t))])
         place = np.where(node_keyframe[:, None] >= 0, ne[node_keyframe], np.nan)
-        self._fronts = fronts_of(abs(self._H) + self._among_outer(touching), node, place)
+        left = self.chain.left_over
+        borders = _pattern(self.chain.borders(), len(left))
+        self._meeting = meeting[left][:, left] + borders + self._among_outer(touching)
+        self._fronts = fronts_of(self._meeting, node, place)
 
     def with_sonar(self, A: Any, gradient: Array) -> JointPosterior:
         """The Gaussian that the sensors and the sonar make together.
@@ -101,7 +107,7 @@ class KnotSystem:
         whole = self._H + self._among_outer(A)
         right = self.right[-whole.shape[0] :].copy()
         right[self.planar, 0] += gradient
-        factor = _eliminated(whole, *self._fronts)
+        factor = _eliminated(whole, *self._fronts, self._meeting)
         return JointPosterior(self, factor, factor.solve(right))
 
     def _among_outer(self, A: Any) -> Any:
@@ -208,6 +214,15 @@ def _keyframes_of_columns(system: LinearSystem, n_keyframes: int) -> IntArray:
     return keyframe
 
 
+def _pattern(groups: Sequence[IntArray], n: int) -> Any:
+    """Ones where two columns stand in one group; shape (n, n)."""
+    from scipy.sparse import coo_array
+
+    rows = np.concatenate([np.repeat(own, len(own)) for own in groups] or [np.empty(0, int)])
+    columns = np.concatenate([np.tile(own, len(own)) for own in groups] or [np.empty(0, int)])
+    return coo_array((np.ones(len(rows)), (rows, columns)), shape=(n, n)).tocsc()
+
+
 def _between(H: Any, keyframe: IntArray, knots: IntArray, n_keyframes: int) -> BoolArray:
     """Columns that lie between knots and touch nothing beyond these; shape (N,)."""
     every = np.arange(n_keyframes)
@@ -240,8 +255,8 @@ def _nodes(keyframe: IntArray, is_planar: BoolArray) -> tuple[IntArray, IntArray
     return node, codes // 2
 
 
-def _eliminated(matrix: Any, columns: list[IntArray], parent: list[int]) -> Factor:
+def _eliminated(matrix: Any, columns: list[IntArray], parent: list[int], meeting: Any) -> Factor:
     try:
-        return Factor(matrix, columns, parent)
+        return Factor(matrix, columns, parent, meeting)
     except np.linalg.LinAlgError as error:
         raise EstimationError("the sensors do not determine the trajectory") from error

@@ -39,6 +39,8 @@ class Factor:
         Columns of each front, children before parents; the columns in none are left over.
     parent : sequence of int
         Of each front, -1 where what remains goes to the columns left over.
+    meeting : scipy.sparse array, shape (n, n), optional
+        Pattern of columns that are to meet in a front though the matrix has no entry there.
 
     Raises
     ------
@@ -46,7 +48,13 @@ class Factor:
         Where a front is not positive definite.
     """
 
-    def __init__(self, matrix: Any, columns: Sequence[IntArray], parent: Sequence[int]) -> None:
+    def __init__(
+        self,
+        matrix: Any,
+        columns: Sequence[IntArray],
+        parent: Sequence[int],
+        meeting: Any = None,
+    ) -> None:
         n = matrix.shape[0]
         eliminated = np.concatenate([*columns, np.empty(0, dtype=np.int64)])
         left = np.ones(n, dtype=bool)
@@ -58,20 +66,20 @@ class Factor:
         self._ends = np.cumsum([len(own) for own in columns])
         self._parent = parent
         self._remainders: list[tuple[IntArray, Array]] = []
-        self._fronts = list(self._eliminate(matrix.tocsc()))
+        self._fronts = list(self._eliminate(matrix, matrix if meeting is None else meeting))
 
     @property
     def _n_eliminated(self) -> int:
         return len(self.order) - len(self.left_over)
 
-    def _eliminate(self, matrix: Any) -> Iterator[_Front]:
+    def _eliminate(self, matrix: Any, meeting: Any) -> Iterator[_Front]:
         from scipy.linalg import cholesky, solve_triangular
 
-        matrix = matrix[self.order][:, self.order].tocsc()
+        matrix, meeting = (m.tocsc()[self.order][:, self.order].tocsc() for m in (matrix, meeting))
         brought: list[list[tuple[IntArray, Array]]] = [[] for _ in self._parent]
         first = 0
         for k, end in enumerate(self._ends.tolist()):
-            border, A = _assembled(matrix, slice(first, end), brought[k])
+            border, A = _assembled(matrix, meeting, slice(first, end), brought[k])
             brought[k] = []
             width = end - first
             L = cholesky(A[:width, :width], lower=True, check_finite=False)
@@ -170,12 +178,13 @@ class Factor:
                 known[k] = rows, cov
             for block in by_front[k]:
                 here = np.searchsorted(rows, places[block])
+                assert np.array_equal(rows[np.minimum(here, len(rows) - 1)], places[block])
                 found[block] = cov[np.ix_(here, here)]
         return found
 
 
 def _assembled(
-    matrix: Any, own: slice, brought: list[tuple[IntArray, Array]]
+    matrix: Any, meeting: Any, own: slice, brought: list[tuple[IntArray, Array]]
 ) -> tuple[IntArray, Array]:
     """A front's border, and the lower triangle of its matrix with what its children left."""
     width = own.stop - own.start
@@ -184,8 +193,9 @@ def _assembled(
     column = np.repeat(np.arange(width), np.diff(matrix.indptr[own.start : own.stop + 1]))
     later = row >= own.start
     row, value, column = row[later], value[later], column[later]
-    touched = [row[row >= own.stop], *(border[border >= own.stop] for border, _ in brought)]
-    border = np.unique(np.concatenate(touched)).astype(np.int64)
+    met = meeting.indices[meeting.indptr[own.start] : meeting.indptr[own.stop]]
+    touched = np.concatenate([row, met, *(border for border, _ in brought)])
+    border = np.unique(touched[touched >= own.stop]).astype(np.int64)
     rows = np.concatenate([np.arange(own.start, own.stop), border])
     A = np.zeros((len(rows), len(rows)))
     A[np.searchsorted(rows, row), column] = value

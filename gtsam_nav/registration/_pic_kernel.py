@@ -25,20 +25,18 @@ def iterate(
     cov_ref: Array,
     xy_new: Array,
     cov_new: Array,
-    start: Array,
-    pull: Array,
-    cov_gate: Array,
-    shrink: float,
+    prior: Array,
+    cov_prior: Array,
     gate: float,
     max_iterations: int,
+    shrink: float,
+    scale_floor: float,
     cauchy_k: float,
     nearest: bool,
     converged_m: float,
     converged_rad: float,
 ) -> tuple[Array, int, int]:
-    """Associate and solve until a step is small; each shrinks the start's part in the gate.
-
-    The pull, shape (3, 3), is the information with which the start holds the pose back.
+    """Associate and solve until the pose settles.
 
     Returns
     -------
@@ -50,14 +48,13 @@ def iterate(
     order = np.argsort(xy_ref[:, 0])
     xy_ref, cov_ref = xy_ref[order], cov_ref[order]
     widest = np.max(cov_ref[:, 0, 0])
-    q, P = start.copy(), cov_gate.copy()
+    q = prior.copy()
     H, g = np.zeros((3, 3)), np.zeros(3)
-    paired, iteration = 0, 0
+    scale, paired, iteration = 1.0, 0, 0
     for _ in range(max_iterations):
         iteration += 1
-        back = start - q
-        back[2] = (back[2] + math.pi) % (2 * math.pi) - math.pi
-        H[:], g[:] = pull, pull @ back
+        H[:], g[:] = 0.0, 0.0
+        P = cov_prior * scale
         paired = _accumulate(
             xy_ref, cov_ref, widest, xy_new, cov_new, q, P, gate, cauchy_k, nearest, H, g
         )
@@ -67,9 +64,10 @@ def iterate(
         q[0] += step[0]
         q[1] += step[1]
         q[2] = (q[2] + step[2] + math.pi) % (2 * math.pi) - math.pi
-        if math.hypot(step[0], step[1]) < converged_m and abs(step[2]) < converged_rad:
+        settled = math.hypot(step[0], step[1]) < converged_m and abs(step[2]) < converged_rad
+        if settled and scale <= scale_floor:
             break
-        P *= shrink
+        scale = max(scale * shrink, scale_floor)
     return q, paired, iteration
 
 

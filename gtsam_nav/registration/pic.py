@@ -5,9 +5,6 @@ environments* (IROS 2005), as used by Mallios et al. 2014; the covariance of the
 form of Haralick (1998) and Censi (2007), with walls telling about the pose across themselves only.
 `register` runs the compiled loop of ``_pic_kernel``; `register_readable` is the same in plain
 NumPy, and the oracle of its tests.
-
-Few points of both scans search, in a gate as wide as the prior is unsure that closes step by step;
-what they leave open stays where the prior has it. Then all points settle the pose without it.
 """
 
 from __future__ import annotations
@@ -25,33 +22,13 @@ from gtsam_nav.sonar.scans import Scan, planar_rotations
 CONVERGED_M, CONVERGED_RAD = 1e-3, 1e-4
 PLANAR = [3, 4, 2]
 """Forward, starboard and yaw in a relative pose's turn and shift."""
-SEARCH_END_SCALE = 0.1
-"""The share of the prior covariance in the gate with which the search ends."""
-SETTLING_SHRINK = 0.3
-"""While the pose settles, the prior's part in the gate shrinks at this rate."""
 LEVER_M = 10.0
 """A turn moves echoes this far away: makes it comparable with a shift."""
 OBSERVED_M, UNOBSERVED_M = 5.0, 100.0
 """A direction in which the points leave the pose more uncertain than the first is not observed: the
 match states the second there, which is no information."""
-
-
-@dataclass(frozen=True)
-class Phase:
-    """A round of associating and solving, until a step is smaller than the tolerances.
-
-    The pull is the information with which the pose at its start holds it back.
-    """
-
-    reference: Scan
-    new: Scan
-    pull: Array
-    cov_gate: Array
-    shrink: float
-    gate: float
-    max_iterations: int
-    converged_m: float
-    converged_rad: float
+GATE_FLOOR_SCALE = 1e-3
+"""The gate's share of the prior covariance never shrinks below this."""
 
 
 @dataclass(frozen=True)
@@ -88,24 +65,22 @@ def register(
 
     if min(len(reference), len(new)) < 3:
         return _failed(prior, cov_prior, "fewer than three points")
-    q = np.array(prior, dtype=float)
-    for phase in _phases(reference, new, cov_prior, settings):
-        q, paired, iterations = iterate(
-            phase.reference.xy,
-            phase.reference.cov,
-            phase.new.xy,
-            phase.new.cov,
-            q,
-            phase.pull,
-            phase.cov_gate,
-            phase.shrink,
-            phase.gate,
-            phase.max_iterations,
-            settings.cauchy_k,
-            settings.association == "nearest",
-            phase.converged_m,
-            phase.converged_rad,
-        )
+    q, paired, iterations = iterate(
+        reference.xy,
+        reference.cov,
+        new.xy,
+        new.cov,
+        np.asarray(prior, dtype=float),
+        np.asarray(cov_prior, dtype=float),
+        settings.gate,
+        settings.max_iterations,
+        settings.shrink,
+        GATE_FLOOR_SCALE,
+        settings.cauchy_k,
+        settings.association == "nearest",
+        CONVERGED_M,
+        CONVERGED_RAD,
+    )
     H, M = information(
         reference.xy, reference.cov, new.xy, new.cov, q, settings.wall_radius_m, settings.cauchy_k
     )
@@ -148,65 +123,26 @@ def register_readable(
     if min(len(reference), len(new)) < 3:
         return _failed(prior, cov_prior, "fewer than three points")
     q = np.array(prior, dtype=float)
-    for phase in _phases(reference, new, cov_prior, settings):
-        start, cov_gate = q, phase.cov_gate
-        for iterations in range(1, phase.max_iterations + 1):  # noqa: B007
-            pairing = associate(
-                phase.reference, phase.new, q, cov_gate, phase.gate, settings.association
-            )
-            overlap = float(pairing.paired.mean())
-            H, gradient = normal_equations(phase.new, q, pairing, settings.cauchy_k)
-            back = np.array([*(start - q)[:2], wrap_angle(start[2] - q[2])])
-            H, gradient = H + phase.pull, gradient + phase.pull @ back
-            if np.linalg.det(H) <= 0:
-                break
-            step = np.linalg.solve(H, gradient)
-            q = np.array([q[0] + step[0], q[1] + step[1], wrap_angle(q[2] + step[2])])
-            if np.hypot(*step[:2]) < phase.converged_m and abs(step[2]) < phase.converged_rad:
-                break
-            cov_gate = cov_gate * phase.shrink
+    scale, iterations = 1.0, 0
+    overlap = 0.0
+    for iterations in range(1, settings.max_iterations + 1):  # noqa: B007
+        pairing = associate(reference, new, q, cov_prior * scale, settings)
+        overlap = float(pairing.paired.mean())
+        H, gradient = normal_equations(new, q, pairing, settings.cauchy_k)
+        if np.linalg.det(H) <= 0:
+            break
+        step = np.linalg.solve(H, gradient)
+        q = np.array([q[0] + step[0], q[1] + step[1], wrap_angle(q[2] + step[2])])
+        settled = np.hypot(step[0], step[1]) < CONVERGED_M and abs(step[2]) < CONVERGED_RAD
+        if settled and scale <= GATE_FLOOR_SCALE:
+            break
+        scale = max(scale * settings.shrink, GATE_FLOOR_SCALE)
     H, M = information_at(reference, new, q, settings)
     return _judge(q, H, M, overlap, iterations, prior, cov_prior, settings)
 
 
-def _phases(
-    reference: Scan, new: Scan, cov_prior: Array, settings: PicSettings
-) -> tuple[Phase, Phase]:
-    """The search and the settling."""
-    cov = np.asarray(cov_prior, dtype=float)
-    steps = int(np.ceil(np.log(SEARCH_END_SCALE) / np.log(settings.shrink)))
-    search = Phase(
-        reference=_thinned(reference, settings.search_points),
-        new=_thinned(new, settings.search_points),
-        pull=np.linalg.inv(cov),
-        cov_gate=cov,
-        shrink=settings.shrink,
-        gate=settings.search_gate,
-        max_iterations=steps,
-        converged_m=0.0,
-        converged_rad=0.0,
-    )
-    return search, Phase(
-        reference=reference,
-        new=new,
-        pull=np.zeros((3, 3)),
-        cov_gate=settings.shrink**steps * cov,
-        shrink=SETTLING_SHRINK,
-        gate=settings.gate,
-        max_iterations=settings.max_iterations,
-        converged_m=CONVERGED_M,
-        converged_rad=CONVERGED_RAD,
-    )
-
-
-def _thinned(scan: Scan, points: int) -> Scan:
-    """Every so manieth point, so that about the given number remains."""
-    every = max(1, round(len(scan) / points))
-    return Scan(scan.t_ref, scan.xy[::every].copy(), scan.cov[::every].copy())
-
-
 def associate(
-    reference: Scan, new: Scan, q: Array, cov_gate: Array, gate: float, association: str = "mean"
+    reference: Scan, new: Scan, q: Array, cov_gate: Array, settings: PicSettings
 ) -> Pairing:
     """Partner of each point: the mean of its compatible reference points, or the nearest one."""
     c, s = np.cos(q[2]), np.sin(q[2])
@@ -220,8 +156,8 @@ def associate(
     difference = reference.xy[None] - placed[:, None]
     S = cov_placed[:, None] + reference.cov[None]
     d2 = np.einsum("nmi,nmij,nmj->nm", difference, np.linalg.inv(S), difference)
-    compatible = d2 < gate
-    if association == "nearest":
+    compatible = d2 < settings.gate
+    if settings.association == "nearest":
         nearest = np.argmin(d2, axis=1)
         weight = np.zeros_like(d2)
         weight[np.arange(len(new)), nearest] = compatible[np.arange(len(new)), nearest]

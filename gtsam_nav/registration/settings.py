@@ -17,14 +17,11 @@ class PicSettings(Settings):
     association : {"mean", "nearest"}
         Pair a point with the covariance-weighted mean of its compatible points, or with the
         nearest of them.
-    search_points : int
-        About so many points of each scan search; all settle the pose.
-    search_gate, gate : float
-        Chi-square gates (2 degrees of freedom) of the association, in the search and after it.
-    shrink : float
-        Factor on the prior covariance in the gate after each iteration of the search.
+    gate : float
+        Chi-square gate (2 degrees of freedom) of the association.
     max_iterations : int
-        Of the settling.
+    shrink : float
+        Factor on the prior covariance in the gate after each iteration.
     cauchy_k : float
         Scale of the Cauchy weight on the whitened residual.
     wall_radius_m : float
@@ -36,11 +33,9 @@ class PicSettings(Settings):
     """
 
     association: Literal["mean", "nearest"] = "mean"
-    search_points: int = Field(default=80, ge=10)
-    search_gate: float = Field(default=9.21, gt=0)
     gate: float = Field(default=5.99, gt=0)
-    shrink: float = Field(default=0.7, gt=0, le=0.95)
     max_iterations: int = Field(default=60, ge=1)
+    shrink: float = Field(default=0.6, gt=0, le=1)
     cauchy_k: float = Field(default=1.5, gt=0)
     wall_radius_m: float = Field(default=3.0, gt=0)
     min_overlap: float = Field(default=0.4, ge=0, le=1)

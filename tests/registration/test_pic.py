@@ -216,7 +216,7 @@ def quadratic_cost(new: Scan, q: Array, pairing: Pairing) -> float:
 def test_normal_equations_against_numerical_differentiation() -> None:
     reference, new, q = random_pair(11)
     q = q + np.array([0.1, -0.05, 0.02])
-    pairing = associate(reference, new, q, PRIOR_COV, gate=5.99)
+    pairing = associate(reference, new, q, PRIOR_COV, PicSettings())
     H, gradient = normal_equations(new, q, pairing, cauchy_k=1e9)
     step = 1e-5
     steps = step * np.eye(3)
@@ -251,7 +251,7 @@ def test_normal_equations_against_numerical_differentiation() -> None:
 
 def test_cauchy_weight_lessens_far_pairs() -> None:
     reference, new, q = random_pair(12)
-    pairing = associate(reference, new, q, PRIOR_COV, gate=5.99)
+    pairing = associate(reference, new, q, PRIOR_COV, PicSettings())
     plain, _ = normal_equations(new, q, pairing, cauchy_k=1e9)
     robust, _ = normal_equations(new, q, pairing, cauchy_k=0.5)
     assert np.all(np.linalg.eigvalsh(plain - robust) > 0)

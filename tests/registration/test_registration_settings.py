@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from gtsam_nav.registration.settings import CorrelativeSettings, Open3dSettings, PicSettings
 
 POSITIVE = {
-    PicSettings: ("search_gate", "gate", "shrink", "cauchy_k", "wall_radius_m"),
+    PicSettings: ("gate", "shrink", "cauchy_k", "wall_radius_m"),
     CorrelativeSettings: ("cell_m", "reach_m", "reach_deg", "max_rival", "rival_m", "rival_deg"),
     Open3dSettings: ("voxel_m",),
 }
@@ -20,7 +20,7 @@ NOT_NEGATIVE = {
     Open3dSettings: ("min_fitness", "floor_m", "floor_deg"),
 }
 LEAST_COUNTS = {
-    PicSettings: {"search_points": 10, "max_iterations": 1},
+    PicSettings: {"max_iterations": 1},
     CorrelativeSettings: {},
     Open3dSettings: {"min_points": 3},
 }

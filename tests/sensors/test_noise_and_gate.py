@@ -108,6 +108,7 @@ def test_sound_speeds_go_together() -> None:
 MAY_BE_ZERO = {
     *("scale_sigma", "misalignment_sigma_deg", "curvature_sigma_deg_m", "bias_sigma_deg"),
     *("disturbance_sigma_deg", "correlated_share", "range_scale_sigma", "velocity_lag_sigma_s"),
+    "slip_sigma",
 }
 """Errors that a sensor need not have; all others are noise, or a time to divide by."""
 ANY_SIGN = {"declination_deg", "velocity_lag_s"}

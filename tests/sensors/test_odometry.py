@@ -5,20 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gtsam_nav.frames import rotation_from_rpy
 from gtsam_nav.mission import Mission, Sensor
-from gtsam_nav.sensors.odometry import predict, velocity_calibration_sigma
-from gtsam_nav.sensors.prediction import BodyState
+from gtsam_nav.sensors.odometry import velocity_calibration_sigma
 from gtsam_nav.series import DvlSeries, OdometrySeries
-
-
-def test_what_drives_does_not_rise() -> None:
-    R_nb = rotation_from_rpy([0.1, -0.2, 2.0])
-    state = BodyState(R_nb, np.zeros(3), R_nb @ np.array([1.5, 0.2, -0.1]))
-    prediction = predict(state, np.array([1.2, 0.3]), 0.25)
-    np.testing.assert_allclose(prediction.residual, [0.3, -0.1, -0.1])
-    np.testing.assert_allclose(prediction.cov, 0.25**2 * np.eye(3))
-
 
 DVL = Sensor(
     "dvl",

@@ -66,7 +66,7 @@ def test_evo_ape_finds_our_figures_in_tum(
 
 def test_evo_ape_finds_our_figures_in_kitti(scored: tuple[Path, Metrics], tmp_path: Path) -> None:
     run, metrics = scored
-    (exported,) = export_run(run, ["kitti"])
+    exported, _ = export_run(run, ["kitti"])
     # KITTI has no times: the poses of both files must be of the same ones
     estimate = tmp_path / "estimate.kitti"
     estimate.write_text("".join(exported.read_text().splitlines(keepends=True)[::STEP]))
