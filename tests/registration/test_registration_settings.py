@@ -25,7 +25,7 @@ LEAST_COUNTS = {
     Open3dSettings: {"min_points": 3},
 }
 LARGEST = {
-    PicSettings: {"shrink": 0.95, "min_overlap": 1.0},
+    PicSettings: {"shrink": 1.0, "min_overlap": 1.0},
     CorrelativeSettings: {"reach_deg": 180.0, "min_score": 1.0, "max_rival": 1.0},
     Open3dSettings: {"min_fitness": 1.0},
 }
