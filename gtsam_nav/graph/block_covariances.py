@@ -17,7 +17,7 @@ from gtsam_nav.frames import Array
 from gtsam_nav.graph.backend import Covariances
 from gtsam_nav.graph.dissection import fronts_of
 from gtsam_nav.graph.factors import X
-from gtsam_nav.graph.multifrontal import Factor
+from gtsam_nav.graph.multifrontal import Factor, pattern_of
 from gtsam_nav.graph.sensor_posterior import (
     free_part,
     keyframe_of,
@@ -62,21 +62,11 @@ def _by_fronts(graph: Any, values: Any, groups: Sequence[tuple[int, ...]]) -> li
     columns, jacobian, _ = whitened_jacobian(graph, values)
     own = {key: np.arange(part.start, part.stop) for key, part in columns.items()}
     wanted = [np.concatenate([own[key] for key in keys]) for keys in groups]
-    H = _with_entries(jacobian.T @ jacobian, wanted)
-    factor = Factor(H, *fronts_of(H, *_nodes(columns, values)))
+    H = jacobian.T @ jacobian
+    meeting = abs(H) + pattern_of(wanted, H.shape[0])
+    factor = Factor(H, *fronts_of(meeting, *_nodes(columns, values)), meeting)
     found = factor.covariances(wanted)
     return [_whole_tangents(keys, cov) for keys, cov in zip(groups, found, strict=True)]
-
-
-def _with_entries(H: Any, blocks: Sequence[IntArray]) -> Any:
-    """The same matrix with entries, zeros if need be, throughout given blocks."""
-    from scipy.sparse import coo_array
-
-    H = H.tocoo()
-    rows = np.concatenate([H.row, *(np.repeat(block, len(block)) for block in blocks)])
-    across = np.concatenate([H.col, *(np.tile(block, len(block)) for block in blocks)])
-    entries = np.concatenate([H.data, np.zeros(len(rows) - len(H.data))])
-    return coo_array((entries, (rows, across)), shape=H.shape).tocsc()
 
 
 def _nodes(columns: dict[int, slice], values: Any) -> tuple[IntArray, Array]:

@@ -18,7 +18,7 @@ from gtsam_nav.errors import EstimationError
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.dissection import fronts_of
 from gtsam_nav.graph.factors import X
-from gtsam_nav.graph.multifrontal import Factor
+from gtsam_nav.graph.multifrontal import Factor, pattern_of
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.sensor_posterior import (
     Constants,
@@ -76,7 +76,7 @@ class KnotSystem:
         keyframe = _keyframes_of_columns(self.system, len(problem.t))
         # a variable's covariance is wanted whole, whether its parts touch or not
         own = [np.arange(c.start, c.stop) for c in self.system.columns.values()]
-        meeting = abs(H) + _pattern(own, len(self.system.g))
+        meeting = abs(H) + pattern_of(own, len(self.system.g))
         inner = _between(meeting, keyframe, keyframes, len(problem.t))
         self.chain = _eliminated(H, *_components(meeting, inner), meeting)
         self._H = self.chain.remainder(H)
@@ -90,7 +90,7 @@ class KnotSystem:
         ne = np.array([values.atNavState(X(k)).position()[:2] for k in range(len(problem.t))])
         place = np.where(node_keyframe[:, None] >= 0, ne[node_keyframe], np.nan)
         left = self.chain.left_over
-        borders = _pattern(self.chain.borders(), len(left))
+        borders = pattern_of(self.chain.borders(), len(left))
         self._meeting = meeting[left][:, left] + borders + self._among_outer(touching)
         self._fronts = fronts_of(self._meeting, node, place)
 
@@ -212,15 +212,6 @@ def _keyframes_of_columns(system: LinearSystem, n_keyframes: int) -> IntArray:
         if k < n_keyframes:
             keyframe[own] = k
     return keyframe
-
-
-def _pattern(groups: Sequence[IntArray], n: int) -> Any:
-    """Ones where two columns stand in one group; shape (n, n)."""
-    from scipy.sparse import coo_array
-
-    rows = np.concatenate([np.repeat(own, len(own)) for own in groups] or [np.empty(0, int)])
-    columns = np.concatenate([np.tile(own, len(own)) for own in groups] or [np.empty(0, int)])
-    return coo_array((np.ones(len(rows)), (rows, columns)), shape=(n, n)).tocsc()
 
 
 def _between(H: Any, keyframe: IntArray, knots: IntArray, n_keyframes: int) -> BoolArray:

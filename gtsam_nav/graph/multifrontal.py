@@ -183,6 +183,16 @@ class Factor:
         return found
 
 
+def pattern_of(blocks: Sequence[IntArray], n: int) -> Any:
+    """Ones throughout given blocks of columns, as `Factor` takes what is to meet; shape (n, n)."""
+    from scipy.sparse import coo_array
+
+    none = np.empty(0, dtype=np.int64)
+    rows = np.concatenate([none, *(np.repeat(block, len(block)) for block in blocks)])
+    columns = np.concatenate([none, *(np.tile(block, len(block)) for block in blocks)])
+    return coo_array((np.ones(len(rows)), (rows, columns)), shape=(n, n)).tocsc()
+
+
 def _assembled(
     matrix: Any, meeting: Any, own: slice, brought: list[tuple[IntArray, Array]]
 ) -> tuple[IntArray, Array]:
