@@ -65,6 +65,7 @@ class Outcome:
     result: str
     seconds: float
     versions: Mapping[str, str]
+    failed: Sequence[str] = ()
 
 
 def lower_bounds(pyproject: Path) -> list[str]:
@@ -130,9 +131,12 @@ def attempt(python: str, path: str, bound: str, place: Path) -> Outcome:
     environment = place / f"{python}-{bound}"
     own = environment / "bin" / "python"
 
-    def outcome(result: str, versions: Mapping[str, str] | None = None) -> Outcome:
+    def outcome(
+        result: str, versions: Mapping[str, str] | None = None, failed: Sequence[str] = ()
+    ) -> Outcome:
         shutil.rmtree(environment, ignore_errors=True)
-        return Outcome(python, bound, result, time.perf_counter() - begin, versions or {})
+        seconds = time.perf_counter() - begin
+        return Outcome(python, bound, result, seconds, versions or {}, failed)
 
     options: list[str | Path] = []
     if bound == LOWEST:
@@ -148,7 +152,14 @@ def attempt(python: str, path: str, bound: str, place: Path) -> Outcome:
             return outcome(f"not installed: {last_line(done.stderr)}")
     versions = json.loads(run([own, "-c", INSTALLED, PROJECT, EXTRA]).stdout)
     tests = run([own, "-m", "pytest", *SELECTED, "tests"])
-    return outcome(last_line(tests.stdout) if tests.returncode else "passed", versions)
+    if tests.returncode == 0:
+        return outcome("passed", versions)
+    return outcome(last_line(tests.stdout or tests.stderr), versions, failures(tests.stdout))
+
+
+def failures(text: str) -> list[str]:
+    """What pytest's summary says of each test that failed."""
+    return [line for line in text.splitlines() if line.startswith(("FAILED ", "ERROR "))]
 
 
 def last_line(text: str) -> str:
@@ -175,6 +186,8 @@ def main() -> None:
                     continue
                 outcome = attempt(python, path, bound, Path(made))
                 print(f"{python:8}{bound:10}{outcome.seconds:8.0f}  {outcome.result}", flush=True)
+                for line in outcome.failed:
+                    print(f"  {line}", flush=True)
                 outcomes.append(outcome)
     failed = [outcome for outcome in outcomes if outcome.result != "passed"]
     if arguments.pin and not failed:

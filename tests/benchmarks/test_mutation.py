@@ -50,6 +50,7 @@ def test_tests_of_the_same_name_come_first() -> None:
     assert mirroring_tests(Path("gtsam_nav/sensors/dvl.py")) == (
         "tests/sensors/test_dvl.py",
         "tests/sensors",
+        "tests/test_structure.py::test_data_of_the_estimation_core_is_frozen[sensors]",
     )
     assert mirroring_tests(Path("gtsam_nav/sonar/_peaks.py")) == ("tests/sonar/test_echoes.py",)
 
