@@ -25,7 +25,8 @@ REPOSITORY = Path(__file__).parents[1]
 PYTHONS = ("3.11", "3.12", "3.13")
 NEWEST, LOWEST = "newest", "lowest"
 PROJECT = "gtsam-nav"
-EXTRA = "test"
+EXTRAS = {NEWEST: "test,mutation", LOWEST: "test"}
+"""The newest are those of the long checks too."""
 BUILD_TOOLS = {"pip", "setuptools", "wheel"}
 """What an environment brings by itself."""
 SELECTED = ("-q", "-m", "not slow and not realdata", "-p", "no:cacheprovider")
@@ -35,8 +36,8 @@ import json, sys
 from importlib.metadata import PackageNotFoundError, distribution
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
-project, extra = sys.argv[1:]
-found, open_ = {}, [(project, (extra,))]
+project, wanted = sys.argv[1:]
+found, open_ = {}, [(project, wanted.split(","))]
 while open_:
     name, extras = open_.pop()
     try:
@@ -77,7 +78,7 @@ def lower_bounds(pyproject: Path) -> list[str]:
         Where one has none.
     """
     project = tomllib.loads(pyproject.read_text(encoding="utf-8"))["project"]
-    requirements = [*project["dependencies"], *project["optional-dependencies"][EXTRA]]
+    requirements = [*project["dependencies"], *project["optional-dependencies"][EXTRAS[LOWEST]]]
     lines = []
     for requirement in requirements:
         needed, _, marker = requirement.partition(";")
@@ -145,12 +146,12 @@ def attempt(python: str, path: str, bound: str, place: Path) -> Outcome:
         options = ["--constraint", constraints]
     for command in (
         [path, "-m", "venv", environment],
-        [own, "-m", "pip", "install", "--quiet", *options, f"{REPOSITORY}[{EXTRA}]"],
+        [own, "-m", "pip", "install", "--quiet", *options, f"{REPOSITORY}[{EXTRAS[bound]}]"],
     ):
         done = run(command)
         if done.returncode:
             return outcome(f"not installed: {last_line(done.stderr)}")
-    versions = json.loads(run([own, "-c", INSTALLED, PROJECT, EXTRA]).stdout)
+    versions = json.loads(run([own, "-c", INSTALLED, PROJECT, EXTRAS[bound]]).stdout)
     tests = run([own, "-m", "pytest", *SELECTED, "tests"])
     if tests.returncode == 0:
         return outcome("passed", versions)
