@@ -27,6 +27,8 @@ def posix(year: int, month: int = 1, day: int = 1) -> float:
     [
         # test values that the World Magnetic Model is published with
         (Origin(80.0, 0.0, 0.0), posix(2020), -1.28),
+        (Origin(80.0, 0.0, 100e3), posix(2020), -1.70),
+        (Origin(80.0, 0.0, 0.0), posix(2022, 7, 2) + 12 * 3600.0, 0.01),
         (Origin(0.0, 120.0, 0.0), posix(2025), -0.16),
         (Origin(80.0, 0.0, 0.0), posix(2025), 1.28),
     ],
