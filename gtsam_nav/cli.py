@@ -3,43 +3,31 @@
 from __future__ import annotations
 
 import logging
-import shlex
 import signal
 import sys
-import time
 import traceback
-from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from gtsam_nav.cli_batch import batch
+from gtsam_nav.cli_evaluate import evaluate
 from gtsam_nav.cli_export import export
 from gtsam_nav.cli_options import (
     ConfigOption,
     ForceOption,
-    FrameOption,
     JsonOption,
-    MethodOption,
+    MissionArgument,
     QuietOption,
     SetOption,
-    complete_frame,
     complete_scenario,
 )
 from gtsam_nav.cli_rerun import rerun
-from gtsam_nav.errors import ConfigError, DataError, EstimationError, GtsamNavError
+from gtsam_nav.cli_run import compare, run
+from gtsam_nav.errors import GtsamNavError
 from gtsam_nav.terminal import progress_bars, say, show, show_json
-
-if TYPE_CHECKING:
-    from gtsam_nav.config import Config
-    from gtsam_nav.mission import Mission
-    from gtsam_nav.simulation import Fault
-    from gtsam_nav.solution import Progress, Solution
-
-logger = logging.getLogger(__name__)
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -49,27 +37,6 @@ app = typer.Typer(
 )
 config_app = typer.Typer(no_args_is_help=True, help="The configuration.")
 app.add_typer(config_app, name="config")
-for command in (batch, export, rerun):
-    app.command()(command)
-
-MissionArgument = Annotated[Path, typer.Argument(metavar="MISSION", help="Mission folder or logs.")]
-OutOption = Annotated[
-    Path | None, typer.Option(metavar="DIR", help="Results; out/MISSION where not given.")
-]
-StartOption = Annotated[
-    float, typer.Option(metavar="S", show_default=False, help="Leave out what was before.")
-]
-StopOption = Annotated[
-    float, typer.Option(metavar="S", show_default=False, help="Leave out from here on.")
-]
-InjectOption = Annotated[
-    list[str],
-    typer.Option(
-        "--inject",
-        metavar="FAULT",
-        help="Spoil what the methods see, as in gnss:outliers=0.3 or dvl:drop=300:420; repeatable.",
-    ),
-]
 
 
 @app.callback()
@@ -105,7 +72,6 @@ def main() -> None:
         sys.exit(1)
 
 
-@app.command()
 def inspect(
     mission: MissionArgument,
     config: ConfigOption = None,
@@ -146,219 +112,6 @@ def inspect(
         say(f"warning: {warning}")
 
 
-@app.command()
-def run(
-    mission: MissionArgument,
-    method: MethodOption = ["graph"],  # noqa: B006
-    out: OutOption = None,
-    config: ConfigOption = None,
-    overrides: SetOption = [],  # noqa: B006
-    start: StartOption = -inf,
-    stop: StopOption = inf,
-    inject: InjectOption = [],  # noqa: B006
-    quiet: QuietOption = False,
-) -> None:
-    """Estimate a mission, score it and write a report."""
-    from gtsam_nav.audit import with_alerts
-    from gtsam_nav.cards import with_mission
-    from gtsam_nav.config import load_config
-    from gtsam_nav.evaluation.report import write_report
-    from gtsam_nav.methods import check_method
-    from gtsam_nav.simulation import parse_fault
-    from gtsam_nav.writers.run_folder import find_runs, settle_output
-
-    resolved = load_config(config, overrides)
-    names = list(dict.fromkeys(method))
-    for name in names:
-        check_method(name)
-    faults = [parse_fault(spec) for spec in inject]
-    folder = out or Path("out") / mission.resolve().name
-    settle_output(folder, *(folder / name for name in names))
-    with progress_bars(quiet) as progress:
-        begin = time.perf_counter()
-        opened = with_alerts(open_cropped(mission, start, stop, progress, with_mission(config)))
-        solutions, failures = estimate_each(
-            opened, names, resolved, faults, folder, begin, progress
-        )
-        wall_s = time.perf_counter() - begin
-        report = write_report(solutions, folder, resolved) if solutions else None
-    if report is not None:
-        show_runs({solution.method: folder / solution.method for solution in solutions})
-        show("", f"{wall_s:.1f} s from opening the mission to the last result", f"report: {report}")
-        earlier = [found.name for found in find_runs(folder) if found.name not in names]
-        if earlier:
-            say(f"note: {folder} also holds an earlier run of {', '.join(earlier)}")
-    if not solutions:  # else they are among the warnings of the runs
-        for warning in opened.warnings:
-            say(f"warning: {warning}")
-    for name, error in failures.items():
-        say(f"error: {name}: {error}")
-    if failures:
-        raise typer.Exit(max(error.exit_code for error in failures.values()))
-
-
-def open_cropped(
-    path: Path, start_s: float, stop_s: float, progress: Progress, card: Path | None = None
-) -> Mission:
-    """Open a mission and keep the samples of start <= t < stop.
-
-    Raises
-    ------
-    DataError
-        Where nothing is left.
-    """
-    from gtsam_nav.readers import open_mission
-
-    opened = open_mission(path, progress, card)
-    cropped = opened.crop(start_s, stop_s)
-    if not any(len(sensor.series) for sensor in cropped.sensors.values()):
-        first, last = opened.span_s
-        raise DataError(
-            f"no sample between {start_s:g} and {stop_s:g} s; "
-            f"the mission spans {first:.1f} to {last:.1f} s",
-            path,
-        )
-    return cropped
-
-
-def estimate_each(
-    mission: Mission,
-    methods: Sequence[str],
-    config: Config,
-    faults: Sequence[Fault],
-    folder: Path,
-    begin: float,
-    progress: Progress,
-) -> tuple[list[Solution], dict[str, GtsamNavError]]:
-    """Run the methods one after the other; each is written as it ends, failures are kept.
-
-    A method's wall time is that of opening the mission (since ``begin``) and its own.
-    """
-    from gtsam_nav.methods import estimate
-    from gtsam_nav.writers.run_folder import write_run
-
-    opening_s = time.perf_counter() - begin
-    command = shlex.join(["gtsam-nav", *sys.argv[1:]])
-    solutions: list[Solution] = []
-    failures: dict[str, GtsamNavError] = {}
-    for name in methods:
-        started = time.perf_counter()
-        try:
-            solution = estimate(mission, name, config, progress, faults)
-            wall_s = opening_s + time.perf_counter() - started
-            write_run(solution, config, folder, wall_s=wall_s, command=command)
-        except (DataError, EstimationError) as error:
-            logger.debug("%s failed", name, exc_info=error)
-            failures[name] = error
-        else:
-            solutions.append(solution)
-    return solutions, failures
-
-
-def show_runs(folders: Mapping[str, Path], as_json: bool = False) -> None:
-    """Finished runs side by side under the names given, and what the user must hear of them."""
-    from gtsam_nav.evaluation.comparison import comparison_row
-    from gtsam_nav.writers.run_folder import read_run
-
-    runs = {name: read_run(folder) for name, folder in folders.items()}
-    rows = [comparison_row(name, run.metrics, run.record.wall_s) for name, run in runs.items()]
-    if as_json:
-        show_json([asdict(row) for row in rows])
-    else:
-        from gtsam_nav.tables import comparison_tables
-
-        show(*comparison_tables(rows))
-    concerned: dict[str, list[str]] = {}
-    for row in rows:
-        for fault in runs[row.name].record.faults:
-            concerned.setdefault(f"injected {fault}", []).append(row.name)
-        for warning in runs[row.name].record.warnings:
-            concerned.setdefault(warning, []).append(row.name)
-        if row.coverage is None and row.relations is None:
-            concerned.setdefault("no score: nothing to score on", []).append(row.name)
-        elif row.failed:
-            failed = f"failed: covers only {row.coverage:.1%} of the reference"
-            concerned.setdefault(failed, []).append(row.name)
-    for warning, names in concerned.items():
-        say(f"warning: {', '.join(names)}: {warning}")
-
-
-@app.command()
-def compare(
-    runs: Annotated[
-        list[Path], typer.Argument(metavar="RUN...", help="DIR/METHOD, or DIR for all in it.")
-    ],
-    as_json: JsonOption = False,
-) -> None:
-    """Put finished runs side by side."""
-    from gtsam_nav.writers.run_folder import find_runs
-
-    show_runs({str(folder): folder for path in runs for folder in find_runs(path)}, as_json)
-
-
-@app.command()
-def evaluate(
-    trajectory: Annotated[Path, typer.Argument(metavar="TRAJECTORY", help=".tum, .kitti or .csv.")],
-    reference: Annotated[Path, typer.Argument(metavar="REFERENCE", help="Such, or a mission.")],
-    lever_arm: Annotated[
-        str | None, typer.Option(metavar="X,Y,Z", help="Reference's antenna in the body, m.")
-    ] = None,
-    window: Annotated[
-        str | None, typer.Option(metavar="FROM,TO", help="Score this span of time only, s.")
-    ] = None,
-    frame: FrameOption = "ned",
-    reference_frame: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FRAME",
-            help="Axes of the reference; those of --frame where not given.",
-            autocompletion=complete_frame,
-        ),
-    ] = None,
-    as_json: JsonOption = False,
-) -> None:
-    """Score a trajectory against a reference."""
-    from gtsam_nav.config import load_config
-    from gtsam_nav.evaluation.metrics import evaluate_trajectory, reference_series
-    from gtsam_nav.evaluation.references import open_reference
-    from gtsam_nav.writers.frame import frame_named
-    from gtsam_nav.writers.run_record import read_record
-    from gtsam_nav.writers.trajectories import read_trajectory
-
-    lever_b = None if lever_arm is None else numbers("--lever-arm", lever_arm, 3)
-    window_s = None if window is None else numbers("--window", window, 2)
-    # a run's own files say which fixes it saw, what it scored and whether it knew where it was
-    beside, record = trajectory.with_name("config.yaml"), trajectory.with_name("run.json")
-    config = load_config(beside if beside.is_file() else None)
-    estimated = read_trajectory(trajectory, frame_named(frame))
-    truth = open_reference(reference, config.gnss, frame=frame_named(reference_frame or frame))
-    scored = config.evaluation.window_s if window_s is None else (window_s[0], window_s[1])
-    scores = evaluate_trajectory(
-        estimated,
-        reference_series(truth),
-        truth.xyz_b if lever_b is None else lever_b,
-        scored,
-        georeferenced=read_record(record).georeferenced if record.is_file() else True,
-    )
-    if as_json:
-        show_json(scores.to_json())
-    else:
-        show(f"{trajectory} against {truth.name} of {reference}", str(scores))
-
-
-def numbers(option: str, text: str, count: int) -> list[float]:
-    """Numbers that are separated by commas."""
-    try:
-        values = [float(part) for part in text.split(",")]
-    except ValueError:
-        values = []
-    if len(values) != count:
-        example = ",".join(["0"] * count)
-        raise ConfigError(f"{option} is '{text}'; it needs {count} numbers, as in {example}")
-    return values
-
-
-@app.command()
 def simulate(
     name: Annotated[
         str,
@@ -388,7 +141,6 @@ def simulate(
     show(f"mission '{mission.name}', {stop - start:.1f} s: {out}")
 
 
-@app.command()
 def convert(
     mission: MissionArgument,
     out: Annotated[Path, typer.Option(metavar="FOLDER", help="Mission folder to write.")],
@@ -424,7 +176,6 @@ def config_dump(config: ConfigOption = None, overrides: SetOption = []) -> None:
     typer.echo(load_config(config, overrides).to_yaml(), nl=False)
 
 
-@app.command()
 def doctor() -> None:
     """Say which versions are installed and what is missing."""
     from gtsam_nav import __version__
@@ -436,3 +187,9 @@ def doctor() -> None:
     missing = [p.name for p in packages if p.trouble is not None and not p.optional]
     if missing:
         raise GtsamNavError(f"cannot import {', '.join(missing)}; reinstall with pip")
+
+
+for command in (
+    inspect, run, compare, evaluate, export, rerun, batch, simulate, convert, doctor,
+):  # fmt: skip
+    app.command()(command)

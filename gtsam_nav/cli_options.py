@@ -40,6 +40,7 @@ def complete_frame(incomplete: str) -> list[str]:
     return _beginning(("ned", "enu"), incomplete)
 
 
+MissionArgument = Annotated[Path, typer.Argument(metavar="MISSION", help="Mission folder or logs.")]
 MethodOption = Annotated[
     list[str],
     typer.Option(

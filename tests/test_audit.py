@@ -217,6 +217,7 @@ def test_counter_clockwise_heading_is_recognised(mission: Mission) -> None:
     assert "counter-clockwise" in finding(audit(mirrored), "heading against course").message
 
 
+@pytest.mark.slow
 def test_drift_angle_is_taken_out(mission: Mission) -> None:
     """A vehicle that moves sideways: compass 90 deg off the course, and nothing wrong."""
     sideways = altered(mission, "heading", lambda h: wrap_angle(h - np.pi / 2), "heading")

@@ -282,6 +282,7 @@ def test_an_earlier_run_in_the_folder_is_named(
     assert "also holds an earlier run of other" in again.err
 
 
+@pytest.mark.slow
 def test_injected_faults_are_on_the_record_and_on_the_page(
     gtsam_nav: CommandLine, mission_folder: Path, tmp_path: Path
 ) -> None:
@@ -508,6 +509,7 @@ def failing(error: Exception) -> Callable[..., Solution]:
     return stand_in
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("error", [EstimationError("it diverged"), DataError("it diverged")])
 def test_one_failing_method_loses_nothing_of_the_others(
     gtsam_nav: CommandLine,

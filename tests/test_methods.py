@@ -146,6 +146,7 @@ def everything(solution: Solution) -> dict[str, Any]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [m for m in methods() if m != "kiss"])
 def test_what_is_withheld_changes_nothing(mission: Mission, method: str) -> None:
     settings = config("gnss.use=window")

@@ -18,7 +18,7 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 
 LAYERS = (
     {"cli"},
-    {"cli_batch", "cli_export", "cli_rerun"},
+    {"cli_batch", "cli_evaluate", "cli_export", "cli_rerun", "cli_run"},
     {"tables", "terminal", "cli_options"},
     {"methods", "audit", "batch", "doctor", "rerun"},
     {"graph", "ekf", "evaluation", "readers", "writers", "preprocess", "simulation", "cards"}

@@ -16,6 +16,7 @@ def mean_per_dof(case: Case, runs: int, duration_s: float) -> dict[str, float]:
     }
 
 
+@pytest.mark.slow
 def test_dead_reckoning_is_as_good_as_it_says() -> None:
     means = mean_per_dof(Case("dr", overrides=NO_FIXES), 6, 40.0)
     assert set(means) == {"position", "heading", "velocity_n", "velocity_e"}

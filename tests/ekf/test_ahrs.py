@@ -86,6 +86,7 @@ def test_an_acceleration_is_trusted_less_than_gravity() -> None:
     np.testing.assert_array_equal(calm.rpy, before)
 
 
+@pytest.mark.slow
 def test_it_follows_a_simulated_vessel() -> None:
     """Gyro alone drifts by its bias; gravity and compass hold it."""
     mission = simulate("laps", seed=3, duration_s=60.0)

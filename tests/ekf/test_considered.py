@@ -37,6 +37,7 @@ def track() -> Trajectory:
     )
 
 
+@pytest.mark.slow
 def test_the_covariance_is_that_of_simulated_errors() -> None:
     errors = ConsideredErrors(
         heading=0.01, disturbance=0.03, disturbance_time_s=40.0, misalignment=0.008, scale=0.02

@@ -131,6 +131,7 @@ def test_the_smoother_is_better_and_keeps_the_filter_as_its_causal_self() -> Non
     assert np.median(gain) > 1.2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", ["gnss:outliers=0.1", "gnss:outliers=0.1,burst=5"])
 def test_gross_outliers_are_rejected_and_recorded(fault: str) -> None:
     solution = estimate(laps(), faults=(fault,))
@@ -500,6 +501,7 @@ def matched(name: str, seed: int, duration_s: float) -> Mission:
 DOF = {"position": 2, "velocity": 2, "heading": 1}
 
 
+@pytest.mark.slow
 def test_errors_are_as_large_as_they_are_said_to_be() -> None:
     t = np.arange(30.0, 68.0, 1.0)
     runs = [normalised_errors(matched("laps", seed, 70.0), t) for seed in range(3)]

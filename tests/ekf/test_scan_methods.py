@@ -302,6 +302,7 @@ def test_a_second_sonar_is_left_out_and_named() -> None:
     assert "sonar 'other' is not used: the sonar 'scans' is used" in solution.warnings
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_two_runs_are_the_same(method: str) -> None:
     one, other = (gn.estimate(circling(), method) for _ in range(2))

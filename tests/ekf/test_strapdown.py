@@ -138,6 +138,7 @@ def drive_in_ecef(t: Array, w_b: Array, f_b: Array, start: InertialState) -> tup
     return R_en.T @ (p_e - origin_e), R_en.T @ v_e
 
 
+@pytest.mark.slow
 def test_tens_of_kilometres_away_the_earth_is_still_round() -> None:
     """Against another frame: transport rate, radii, Coriolis and the leaning vertical all count."""
     t = np.arange(0.0, 600.0, 0.1)

@@ -44,6 +44,7 @@ def make_problem(mission: Mission) -> Problem:
 # ---------------------------------------------------------------------- sensors against each other
 
 
+@pytest.mark.slow
 def test_fixes_that_are_all_outliers_do_not_pass_for_a_position(mission: Mission) -> None:
     solution = estimated(mission, "gnss:outliers=1.0,size=20:100")
     clean = estimated(mission)

@@ -99,6 +99,7 @@ def estimated(mission: Mission, *overrides: str, faults: tuple[str, ...] = ()) -
     return gn.estimate(mission, "graph", gn.load_config(None, [*SOON, *overrides]), faults=faults)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arbiter", ["consistency", "gnc"])
 def test_they_are_on_the_record_and_out_of_the_solution(mission: Mission, arbiter: str) -> None:
     """The pose graph before the refinement, which starts from it and uses no closure."""

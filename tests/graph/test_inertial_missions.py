@@ -74,6 +74,7 @@ def test_errors_are_as_large_as_it_says(mission: Mission, solution: Solution) ->
     assert 0.3 < np.mean(nees) / 3 < 3.0
 
 
+@pytest.mark.slow
 def test_without_a_compass_the_fixes_tell_the_heading(mission: Mission) -> None:
     blind = mission.without("heading")
     solution = gn.estimate(blind, "graph")
@@ -95,6 +96,7 @@ def test_without_velocities_too(mission: Mission) -> None:
     assert rms(position[:, :2]) < 1.2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("stop", "limit_m"), [(51.0, 0.7), (80.0, 1.5)])
 def test_a_silent_imu_is_bridged(mission: Mission, stop: float, limit_m: float) -> None:
     imu = mission.sensors["imu"]
@@ -125,6 +127,7 @@ def test_lost_fixes_cost_certainty(mission: Mission) -> None:
     assert np.all(np.abs(position[inside, :2]) < 4 * sigma[inside, :2])
 
 
+@pytest.mark.slow
 def test_velocities_belong_to_a_time_before_their_stamp(mission: Mission) -> None:
     """Stamped late by a lag that the card states, they are as good as before."""
     gnss, lag_s = mission.sensors["gnss"], 0.4

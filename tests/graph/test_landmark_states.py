@@ -92,6 +92,7 @@ def test_the_map_can_be_left_out(robot: Mission, survey: LandmarkMap) -> None:
     )
 
 
+@pytest.mark.slow
 def test_false_sightings_are_rejected_and_do_no_harm(robot: Mission) -> None:
     sensor = robot.sensors["landmarks"]
     series = sensor.series
@@ -236,6 +237,7 @@ def spoilt(robot: Mission, **columns: object) -> Mission:
     return robot.with_sensor(replace(sensor, series=replace(sensor.series, **columns)))
 
 
+@pytest.mark.slow
 def test_a_landmark_at_no_distance_is_placed_by_a_later_sighting(robot: Mission) -> None:
     series = robot.sensors["landmarks"].series
     assert isinstance(series, LandmarkSeries)

@@ -84,6 +84,7 @@ def marina() -> Mission:
     return mission.without("sonar", "landmarks", "odometry")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scenario", ["laps", "marina"])
 def test_outliers_in_bursts_are_found_and_nothing_else(
     scenario: str, request: pytest.FixtureRequest
@@ -144,6 +145,7 @@ def test_a_velocity_can_be_an_outlier_where_its_position_is_none(laps: Mission) 
     assert reasons == {"velocity outlier"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.3, 0.5])
 def test_as_many_outliers_as_good_fixes_do_not_break_the_motion(
     marina: Mission, share: float

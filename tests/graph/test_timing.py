@@ -147,6 +147,7 @@ def test_trusted_clocks_cost_nothing(laps: Mission) -> None:
     assert clocks.corrected(laps) is laps
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sensor", ["imu", "gnss"])
 def test_an_offset_is_found_with_an_honest_sigma(laps: Mission, sensor: str) -> None:
     solution = gn.estimate(doubted(laps, sensor, -0.3), "graph")

@@ -35,6 +35,7 @@ def mission() -> Mission:
     return whole.with_sensor(replace(dvl, series=through_water))
 
 
+@pytest.mark.slow
 def test_the_current_is_found_and_the_path_honest(mission: Mission) -> None:
     config = gn.load_config(None, ["gnss.use=gaps", "gnss.gaps_s=[[45,115]]", "sonar.use=false"])
     solution = gn.estimate(mission, "graph", config)

@@ -72,6 +72,7 @@ def with_clouds(mission: Mission, clouds: tuple[Cloud, ...]) -> Mission:
     return mission.with_sensor(replace(sensor, series=replace(kept, clouds=clouds)))
 
 
+@pytest.mark.slow
 def test_it_follows_a_moving_vessel(track: CloudTrack, mission: Mission) -> None:
     truth = truth_of(mission).interpolate(track.t)
     R_0 = truth.R_nb[0].T
@@ -92,6 +93,7 @@ def test_poses_stand_at_the_last_point_of_each_cloud(track: CloudTrack, mission:
     assert np.diff([cloud.t for cloud in track.key]).min() >= 1.0 - 1e-9
 
 
+@pytest.mark.slow
 def test_without_times_in_the_sweep_it_drifts_more(track: CloudTrack, mission: Mission) -> None:
     _, series = clouds_of(mission)
     bare = tuple(Cloud(c.points_s) for c in series.clouds if isinstance(c, Cloud))
@@ -107,6 +109,7 @@ def test_without_times_in_the_sweep_it_drifts_more(track: CloudTrack, mission: M
     assert off(skewed, track.t) > 2 * off(track, track.t)
 
 
+@pytest.mark.slow
 def test_points_of_one_time_are_a_cloud_without_times_and_said(mission: Mission) -> None:
     _, series = clouds_of(mission)
     clouds = [c for c in series.clouds if isinstance(c, Cloud)][:6]
@@ -130,6 +133,7 @@ def test_what_is_not_finite_never_reaches_kiss(spoilt: str) -> None:
         KissOdometry(KissSettings()).place(points, times)
 
 
+@pytest.mark.slow
 def test_the_same_clouds_give_the_same_track(track: CloudTrack, mission: Mission) -> None:
     _, series = clouds_of(mission)
     last = track.key[1].index
@@ -175,6 +179,7 @@ def test_the_adjoint_carries_small_motions_over() -> None:
     np.testing.assert_allclose(turn @ p_a + moved[3:], p, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_a_track_that_begins_under_way_begins_well(mission: Mission) -> None:
     """Its first cloud is bent by a motion that only the second tells."""
     moving = mission.crop(1.6)

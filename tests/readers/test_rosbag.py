@@ -508,6 +508,7 @@ def recorded(folder: Path, name: str) -> Path:
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.realdata
 def test_dead_reckoning_ends_where_robot_localization_says(recorded_data: Path) -> None:
     read = open_mission(recorded(recorded_data, "robot_localization_test2.bag"))

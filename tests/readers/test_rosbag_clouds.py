@@ -140,6 +140,7 @@ def test_a_cloud_in_ros_axes_is_turned(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_clouds_stay_in_the_bag_and_go_to_other_processes(tmp_path: Path, harbour: Mission) -> None:
     read = open_mission(bag_of(tmp_path, list(sweeps(harbour, "sqlite3")), "sqlite3"))
     series = series_of(read)

@@ -20,6 +20,7 @@ def log(recorded_data: Path) -> Mission:
     return gn.open_mission(recorded_data / "carmen" / "aces.clf.bz2")
 
 
+@pytest.mark.slow
 def test_consecutive_relations(log: Mission) -> None:
     near = near_relations(log)
     assert len(near.t) == 1189

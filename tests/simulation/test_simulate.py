@@ -189,6 +189,7 @@ def test_dvl_loses_the_bottom_in_bursts_and_sometimes_holds_the_water(mission: M
     assert np.all(dvl.valid[dvl.bottom_lock])
 
 
+@pytest.mark.slow
 def test_matched_heading_error_has_the_stated_parts() -> None:
     motion, settings = motion_of(SEED), SimulationSettings.matched().heading
     white, whole = [], []
