@@ -37,7 +37,6 @@ MAX_LAG = 30
 """Echoes further apart in a scan than this many are taken to err independently."""
 SHARED_ERROR_EVERY = 5
 """Iterations between two measurements of how far echoes err together."""
-MAX_RELINEARISATIONS = 12
 MAX_STEPS = 25
 """Without a sonar; reweighed least squares under a kernel takes its time."""
 CONVERGED_STEP = 1e-3
@@ -149,52 +148,25 @@ class JointRefinement:
         values : gtsam.Values
             Start.
         """
-        gate, iterations = self.settings.first_gate_m, 0
-        for _ in range(MAX_RELINEARISATIONS):
+        s = self.settings
+        gate, count, settled = s.first_gate_m, 0, False
+        while not settled and count < s.max_iterations:
             origin = self._planar_of(values)
             pairs = self._scan_pairs(origin)
+            # the sensors anew each time: a turn of the whole track, linear, would stretch it
             system = KnotSystem(graph, values, self.knots.keyframes, self.problem, pairs.touching)
-            posterior, gate, count, settled = self._solve(
-                system, origin, pairs, gate, iterations, progress
-            )
-            iterations += count
+            posterior = system.with_sonar(*self._normal_equations(origin, pairs, gate))
             values = posterior.moved()
-            moved = float(np.max(np.abs(posterior.planar[:, :2])))
-            done = settled and moved < 2 * self.settings.converged_m
-            if done or iterations >= self.settings.max_iterations:
-                break
-        progress("refinement", 1.0)
-        log.info("joint refinement: %d iterations, converged: %s", iterations, done)
-        return Refined(values, posterior, iterations, done)
-
-    def _solve(
-        self,
-        system: KnotSystem,
-        origin: Array,
-        pairs: ScanPairs,
-        gate: float,
-        before: int,
-        progress: Progress,
-    ) -> tuple[JointPosterior, float, int, bool]:
-        """Iterate associations on one linearisation of the sensors."""
-        planar = np.zeros_like(origin)
-        count, settled = 0, False
-        while not settled and before + count < self.settings.max_iterations:
-            information, gradient = self._normal_equations(origin + planar, pairs, gate)
-            posterior = system.with_sonar(information, gradient + information @ planar.ravel())
-            step = posterior.planar - planar
-            planar = posterior.planar
+            moved = np.max(np.abs(posterior.planar[:, :2]), axis=1)
+            largest, knot = float(np.max(moved)), int(np.argmax(moved))
+            log.debug("refinement: largest step %.3f m at knot %d", largest, knot)
+            settled = gate <= s.last_gate_m and largest < s.converged_m
+            gate = max(gate * s.gate_factor, s.last_gate_m)
             count += 1
-            progress("refinement", (before + count) / self.settings.max_iterations)
-            narrow = gate <= self.settings.last_gate_m
-            settled = narrow and float(np.max(np.abs(step[:, :2]))) < self.settings.converged_m
-            gate = max(gate * self.settings.gate_factor, self.settings.last_gate_m)
-            log.debug(
-                "refinement: largest step %.3f m at knot %d",
-                np.max(np.abs(step[:, :2])),
-                np.argmax(np.max(np.abs(step[:, :2]), axis=1)),
-            )
-        return posterior, gate, count, settled
+            progress("refinement", count / s.max_iterations)
+        progress("refinement", 1.0)
+        log.info("joint refinement: %d iterations, converged: %s", count, settled)
+        return Refined(values, posterior, count, settled)
 
     def _scan_pairs(self, knots: Array) -> ScanPairs:
         """The scans to be compared, as they lie at given poses of the knots."""

@@ -1,0 +1,93 @@
+"""The joint refinement: one answer, wherever it begins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import gtsam
+import numpy as np
+import pytest
+
+import gtsam_nav as gn
+from gtsam_nav.frames import Array, rotation_from_rpy
+from gtsam_nav.graph import estimator
+from gtsam_nav.graph.factors import X
+from gtsam_nav.graph.refinement import JointRefinement, Refined
+from gtsam_nav.solution import no_progress
+
+SAME_M = 0.01
+MOST_ITERATIONS = 9
+"""Eight narrow the gate; a start that is off by a turn or a stretch needs none of its own."""
+
+
+@dataclass
+class Start:
+    """What a refinement is made of and begins with."""
+
+    arguments: tuple[Any, ...]
+    graph: Any
+    values: Any
+
+    def refined(self, values: Any) -> Refined:
+        return JointRefinement(*self.arguments).run(self.graph, values, no_progress)
+
+    def positions(self, values: Any) -> Array:
+        keyframes = range(len(self.arguments[2].t))
+        return np.array([values.atNavState(X(k)).position()[:2] for k in keyframes])
+
+
+@pytest.fixture(scope="module")
+def start() -> Start:
+    """A marina without fixes: nothing but a compass ties its heading."""
+    found: list[Start] = []
+
+    class Recording(JointRefinement):
+        def __init__(self, *arguments: Any) -> None:
+            super().__init__(*arguments)
+            self.arguments = arguments
+
+        def run(self, graph: Any, values: Any, progress: Any) -> Refined:
+            found.append(Start(self.arguments, graph, values))
+            return super().run(graph, values, progress)
+
+    mission = gn.simulate("marina", seed=3, duration_s=60.0)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(estimator, "JointRefinement", Recording)
+        gn.estimate(mission, "graph", gn.load_config(None, ["gnss.use=none"]))
+    return found[0]
+
+
+def moved(start: Start, yaw_deg: float = 0.0, scale: float = 1.0, jitter_m: float = 0.0) -> Any:
+    """The start turned about and stretched from the first keyframe, each position shaken."""
+    values, rng = gtsam.Values(start.values), np.random.default_rng(0)
+    turn = rotation_from_rpy(np.array([0.0, 0.0, np.radians(yaw_deg)]))
+    first = values.atNavState(X(0)).position()
+    for k in range(len(start.arguments[2].t)):
+        state = values.atNavState(X(k))
+        p_n = first + turn @ (state.position() - first) * [scale, scale, 1.0]
+        p_n[:2] += jitter_m * rng.normal(size=2)
+        attitude = gtsam.Rot3(turn @ state.attitude().matrix())
+        values.update(X(k), gtsam.NavState(attitude, p_n, turn @ state.velocity()))
+    return values
+
+
+@pytest.fixture(scope="module")
+def plain(start: Start) -> Array:
+    """Where the start as it is leads."""
+    return start.positions(start.refined(start.values).values)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"jitter_m": 1e-3}, {"yaw_deg": 25.0}, {"scale": 0.95}],
+    ids=["shaken", "turned", "stretched"],
+)
+def test_all_starts_settle_on_one_track(
+    start: Start, plain: Array, change: dict[str, float]
+) -> None:
+    """Sensors that are linear about a start once and for all stretch a track that is turned."""
+    refined = start.refined(moved(start, **change))
+    assert refined.converged
+    assert refined.iterations <= MOST_ITERATIONS
+    np.testing.assert_allclose(start.positions(refined.values), plain, atol=SAME_M)
