@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any
+import logging
+from collections.abc import Callable, Iterable
+from typing import Any, TypeVar
 
 import gtsam
 import numpy as np
@@ -16,6 +17,10 @@ from gtsam_nav.graph.preintegration import integrate_anew
 from gtsam_nav.graph.problem import Problem, Reading, SensorFactor
 from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.graph.scan_matching import PlanarPose
+
+log = logging.getLogger(__name__)
+
+T = TypeVar("T")
 
 RELINEARIZE_TURN_RAD, RELINEARIZE_MOVE = 0.05, 0.5
 """iSAM2 linearises a state anew once it has turned so far, or moved (m, m/s): residuals bend with
@@ -51,8 +56,8 @@ class Backend:
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
-        # a first sighting ties a landmark to the vehicle alone
-        self._isam = _isam2(problem.is_stiff or (problem.uses_imu and bool(problem.landmarks)))
+        self._by_qr = problem.is_stiff
+        self._isam = _isam2(self._by_qr)
         self._new_factors = gtsam.NonlinearFactorGraph()
         self._new_values = gtsam.Values()
         self._last_state: Any = None
@@ -95,9 +100,28 @@ class Backend:
         try:
             self._isam.update(self._new_factors, self._new_values)
         except RuntimeError as error:
-            raise EstimationError(f"iSAM2 failed: {_first_lines(error)}") from error
+            self._begin_anew_by_qr(error)
         self._new_factors = gtsam.NonlinearFactorGraph()
         self._new_values = gtsam.Values()
+
+    def _begin_anew_by_qr(self, failure: RuntimeError) -> None:
+        """Solve all that iSAM2 was given, the update it failed at included, by QR from here on."""
+        if self._by_qr:
+            raise EstimationError(f"iSAM2 failed: {_first_lines(failure)}") from failure
+        log.info("iSAM2 goes on by QR: %s", _first_lines(failure))
+        failed, self._isam, self._by_qr = self._isam, _isam2(is_stiff=True), True
+        try:
+            self._isam.update(failed.getFactorsUnsafe(), failed.getLinearizationPoint())
+        except RuntimeError as error:
+            raise EstimationError(f"iSAM2 failed: {_first_lines(error)}") from error
+
+    def _asked(self, question: Callable[[Any], T]) -> T:
+        """iSAM2's answer, by QR where Cholesky has none."""
+        try:
+            return question(self._isam)
+        except RuntimeError as error:
+            self._begin_anew_by_qr(error)
+            return question(self._isam)
 
     def state(self, k: int) -> Any:
         """Current estimate of keyframe k, from which the next one is predicted."""
@@ -112,11 +136,12 @@ class Backend:
 
     def covariance(self, k: int) -> Array:
         """Marginal covariance (9, 9) of keyframe k in its tangent space."""
-        return np.asarray(self._isam.marginalCovariance(X(k)))
+        return np.asarray(self._asked(lambda isam: isam.marginalCovariance(X(k))))
 
     def joint_planar_covariances(self, earlier: list[int], b: int) -> list[Array]:
         """Covariances (6, 6) of (dn, de, dyaw) of each of some keyframes and of keyframe b."""
-        marginal = self._isam.jointMarginalCovariance([X(k) for k in (*earlier, b)])
+        keys = [X(k) for k in (*earlier, b)]
+        marginal = self._asked(lambda isam: isam.jointMarginalCovariance(keys))
         S = {
             k: planar_rows(self._isam.calculateEstimateNavState(X(k)).attitude().matrix())
             for k in (*earlier, b)

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import logging
+
 import gtsam
 import numpy as np
+import pytest
 
 from gtsam_nav.config import Config
 from gtsam_nav.graph.backend import Backend, graph_of, planar_rows
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.keyframes import keyframe_times
 from gtsam_nav.graph.measurements import build_problem
+from gtsam_nav.graph.online import run_online
+from gtsam_nav.graph.outset import mission_keyframes, start_and_motion
+from gtsam_nav.graph.problem import Problem
 from gtsam_nav.preprocess.alignment import align
 from gtsam_nav.preprocess.motion import vehicle_motion
 from gtsam_nav.simulation import simulate
+from gtsam_nav.solution import no_progress
 
 
 def test_joint_covariances_are_those_of_the_batch() -> None:
@@ -41,3 +48,23 @@ def test_joint_covariances_are_those_of_the_batch() -> None:
         np.testing.assert_allclose(
             got / np.outer(sigma, sigma), wanted / np.outer(sigma, sigma), 0, 1e-3
         )
+
+
+def test_where_cholesky_fails_the_pass_goes_on_by_qr(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    mission = simulate("laps", seed=1, duration_s=20.0)
+    start, motion = start_and_motion(mission, Config())
+    t = mission_keyframes(mission, np.empty(0), np.empty(0), Config())
+
+    def positions() -> np.ndarray:
+        problem = build_problem(mission, start, motion, t, Config())
+        passed = run_online(problem, None, np.empty(0, dtype=int), Config(), no_progress)
+        return np.array([state.position() for state in passed.states])
+
+    by_qr = positions()
+    caplog.set_level(logging.INFO)
+    monkeypatch.setattr(Problem, "is_stiff", False)
+    recovered = positions()
+    assert "goes on by QR" in caplog.text
+    np.testing.assert_allclose(recovered, by_qr, atol=1e-6)
