@@ -18,6 +18,7 @@ for the methods that know poses; mission time begins with the first pose then.
 from __future__ import annotations
 
 from collections import Counter
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -134,11 +135,11 @@ class _Graph:
     def _edge(self, word: str, v: Array) -> tuple[Array, Array]:
         """The step of an edge and its covariance."""
         if word == "EDGE_SE2":
-            return v[2:5], _covariance(v[5:], 3)
+            return v[2:5], _covariance(tuple(v[5:].tolist()), 3)
         x, y, z = v[2:5]
         self.steepest = max(self.steepest, abs(z) / max(float(np.hypot(x, y)), 1.0))
         yaw = rpy_from_quaternion(v[[8, 5, 6, 7]])[2]
-        cov = _covariance(v[9:], 6)[np.ix_([0, 1, 5], [0, 1, 5])]
+        cov = _covariance(tuple(v[9:].tolist()), 6)[np.ix_([0, 1, 5], [0, 1, 5])]
         return np.array([x, y, yaw]), cov
 
     def warnings(self) -> list[str]:
@@ -161,8 +162,12 @@ def _numbers(word: str, texts: list[str]) -> Array:
     return values
 
 
-def _covariance(upper: Array, size: int) -> Array:
-    """Inverse of an information matrix, of which the upper triangle is given row by row."""
+@lru_cache(maxsize=256)
+def _covariance(upper: tuple[float, ...], size: int) -> Array:
+    """Inverse of an information matrix, of which the upper triangle is given row by row.
+
+    A file's edges have few different ones.
+    """
     information = np.zeros((size, size))
     information[np.triu_indices(size)] = upper
     information += np.triu(information, 1).T
@@ -173,7 +178,7 @@ def _covariance(upper: Array, size: int) -> Array:
 
 def _sighting(v: Array) -> list[float]:
     x, y = v[2:4]
-    cov = _covariance(v[4:], 2)
+    cov = _covariance(tuple(v[4:].tolist()), 2)
     ray = np.array([x, y]) / max(float(np.hypot(x, y)), 1e-12)
     across = np.array([-ray[1], ray[0]])
     along_across = np.sqrt([ray @ cov @ ray, across @ cov @ across])
