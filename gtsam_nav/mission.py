@@ -127,6 +127,44 @@ class Relations:
 
 
 @dataclass(frozen=True)
+class PoseEdges:
+    """Relative poses that somebody made of other measurements: the edges of a pose graph.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n, 2)
+        When the vehicle was where its axes are the frame, and when it was at the pose, s.
+    q : ndarray, shape (n, 3)
+        The pose: forward, starboard (m) and yaw (rad, clockwise).
+    cov : ndarray, shape (n, 3, 3)
+        Of ``q``.
+    """
+
+    t: Array
+    q: Array
+    cov: Array
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """First and last pose."""
+        return float(self.t.min()), float(self.t.max())
+
+    def crop(self, start_s: float, stop_s: float) -> PoseEdges | None:
+        """The edges of which both poses lie in start <= t < stop; None without any."""
+        inside = np.all((self.t >= start_s) & (self.t < stop_s), axis=1)
+        if not np.any(inside):
+            return None
+        return PoseEdges(self.t[inside], self.q[inside], self.cov[inside])
+
+    def shift(self, offset_s: float) -> PoseEdges:
+        """The same edges with an offset added to their times."""
+        return replace(self, t=self.t + offset_s)
+
+
+@dataclass(frozen=True)
 class Opening:
     """How a mission was opened, so that it can be opened so again.
 
@@ -175,6 +213,8 @@ class Mission:
         How the vehicle can move.
     relations : Relations or None
         Ground truth, as the reference is.
+    edges : PoseEdges or None
+        Of a mission that is a pose graph with loops; its odometry holds the same steps.
     faults : tuple of str
         Specifications of the faults that were injected into it.
     rejections : tuple of Rejection
@@ -195,6 +235,7 @@ class Mission:
     landmark_map: LandmarkMap | None = None
     constraints: Constraints = field(default_factory=Constraints)
     relations: Relations | None = None
+    edges: PoseEdges | None = None
     faults: tuple[str, ...] = ()
     rejections: tuple[Rejection, ...] = ()
     warnings: tuple[str, ...] = ()
@@ -221,13 +262,17 @@ class Mission:
 
     @property
     def span_s(self) -> tuple[float, float]:
-        """First and last time at which any estimating sensor has a sample."""
-        series = [
-            s.series for s in self.sensors.values() if s.type != "reference" and len(s.series)
+        """First and last time at which any estimating sensor has a sample, or an edge a pose."""
+        spans = [
+            (float(s.series.t[0]), float(s.series.t[-1]))
+            for s in self.sensors.values()
+            if s.type != "reference" and len(s.series)
         ]
-        if not series:
+        if self.edges is not None:
+            spans.append(self.edges.span_s)
+        if not spans:
             return 0.0, 0.0
-        return min(float(s.t[0]) for s in series), max(float(s.t[-1]) for s in series)
+        return min(first for first, _ in spans), max(last for _, last in spans)
 
     @property
     def dropped(self) -> dict[tuple[str, str], int]:
@@ -261,4 +306,5 @@ class Mission:
         }
         initial = self.initial if start_s <= self.span_s[0] else InitialState()
         opening = self.opening and self.opening.cropped(start_s, stop_s)
-        return replace(self, sensors=cropped, initial=initial, opening=opening)
+        edges = self.edges and self.edges.crop(start_s, stop_s)
+        return replace(self, sensors=cropped, initial=initial, edges=edges, opening=opening)

@@ -50,8 +50,9 @@ class LoopClosure:
     """One candidate match between two scans, whatever became of it.
 
     ``dx_m, dy_m, dyaw`` is the pose of scan b in scan a (forward, starboard, clockwise rad); NaN
-    where the registration failed. ``score`` is the share of points that paired, ``weight`` what the
-    robust kernel left of an accepted one in the final solution.
+    where the registration failed. ``score`` is the share of points that paired, NaN of a closure
+    that the mission states; ``weight`` is what the robust kernel left of an accepted one in the
+    final solution.
     """
 
     t_a: float

@@ -1,7 +1,8 @@
 """How fast it is: ``python -m benchmarks.speed [--stpere PATH] [--only SECTION ...] [--check]``.
 
-Sections: startup, graphs (against the barest GTSAM script), growth; with ``--stpere`` also stages
-(of that mission) and registration (against small_gicp and Open3D, extra ``benchmark``). Each
+Sections: startup, graphs (against the barest GTSAM script), preintegration (against a bare loop),
+pose_graphs (city10000, and those of ``--pose-graph``), growth; with ``--stpere`` also stages (of
+that mission) and registration (against small_gicp and Open3D, extra ``benchmark``). Each
 comparison is made in one process on the same input; figures are medians, ratios are compared with
 ``benchmarks/speed_baseline.json``.
 """
@@ -38,6 +39,16 @@ def sections(arguments: argparse.Namespace) -> dict[str, Callable[[], dict[str, 
 
         return graphs.measure(arguments.repeats)
 
+    def preintegration() -> dict[str, Any]:
+        from benchmarks.speed import preintegration
+
+        return preintegration.measure(arguments.repeats)
+
+    def pose_graphs() -> dict[str, Any]:
+        from benchmarks.speed import pose_graphs
+
+        return pose_graphs.measure(arguments.repeats, arguments.pose_graph, arguments.long)
+
     def growth() -> dict[str, Any]:
         from benchmarks.speed import growth
 
@@ -61,6 +72,8 @@ def sections(arguments: argparse.Namespace) -> dict[str, Callable[[], dict[str, 
     return {
         "startup": startup,
         "graphs": graphs,
+        "preintegration": preintegration,
+        "pose_graphs": pose_graphs,
         "stages": stages,
         "registration": registration,
         "growth": growth,
@@ -83,7 +96,12 @@ def main() -> int:
     parser.add_argument("--stpere", type=Path, help="folder of the St. Pere logs with pairs.csv")
     parser.add_argument("--only", nargs="+", metavar="SECTION", help="measure no others")
     parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--long", action="store_true", help="missions of 5 and 10 h too")
+    parser.add_argument(
+        "--long", action="store_true", help="missions of 5 and 10 h too, and city10000 whole"
+    )
+    parser.add_argument(
+        "--pose-graph", nargs="+", type=Path, default=[], metavar="G2O", help="planar graphs too"
+    )
     parser.add_argument("--json", type=Path, help="write the figures here")
     parser.add_argument("--check", action="store_true", help="compare the ratios, exit 1 if worse")
     parser.add_argument("--update", action="store_true", help="make these ratios the baseline")

@@ -31,6 +31,7 @@ from gtsam_nav.graph.indeterminacy import check_anchored, states_named
 from gtsam_nav.graph.knot_system import JointPosterior
 from gtsam_nav.graph.loop_judging import judged
 from gtsam_nav.graph.measurements import build_problem, clouds
+from gtsam_nav.graph.measurements.edges import keyframe_edges
 from gtsam_nav.graph.online import OnlinePass, run_online
 from gtsam_nav.graph.output import (
     constant_errors,
@@ -40,6 +41,7 @@ from gtsam_nav.graph.output import (
     match_rejections,
     slow_states,
     smoothed_covariances,
+    stated_closures,
 )
 from gtsam_nav.graph.outset import Ready, made_ready, mission_keyframes, start_and_motion
 from gtsam_nav.graph.preintegration import integrate_all_anew
@@ -221,6 +223,7 @@ def _solution(
     problem, settled, values = solved.problem, solved.settled, solved.refined.values
     robust, mission, t_scans = ready.config.graph.robust, echoes.mission, echoes.t_scans
     loops = solved.cloud_loops.loops
+    stated = list(keyframe_edges(problem.t, mission))
     rows = weighed(problem, solved.timed_matches(t_scans), settled.used, values)
     constants = constant_errors(problem, solved.refined)
     clock_offsets = (*ready.clocks.offsets(constants), *(c.clock for c in echoes.by_scans))
@@ -236,6 +239,7 @@ def _solution(
         loops=(
             *loop_closures(solved.matches, t_scans, solved.scan_keyframe, values, robust.loops),
             *cloud_loop_closures(loops, problem, values, robust.loops),
+            *stated_closures(stated, problem.t, values, robust.loops),
         ),
         rejections=(
             *mission.rejections,
@@ -257,7 +261,7 @@ def _solution(
         slow_states=slow_states(problem, values, covariances, constants),
         clock_offsets=clock_offsets,
         pose_graph=pose_graph(
-            problem, values, solved.matches, solved.scan_keyframe, loops, robust.loops
+            problem, values, solved.matches, solved.scan_keyframe, loops, stated, robust.loops
         ),
         sonar_map=points,
         scans=registered_scans(mission, echoes.sonar) if echoes.sonar else None,

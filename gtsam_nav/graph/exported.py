@@ -7,7 +7,8 @@ what tied the two keyframes together:
 
 - the motion sensors between neighbours;
 - a match that was accepted, times what the robust kernel left of it in the solution. What it had
-  registered stands in ``loops.csv``.
+  registered stands in ``loops.csv``;
+- an edge of a mission that is a pose graph, so too.
 
 A planar match knows neither the tilt nor the depth between its ends; its information on these
 vanishes.
@@ -15,6 +16,7 @@ vanishes.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -23,6 +25,7 @@ from gtsam_nav.frames import Array, quaternion_from_rotation, rotation_from_rpy
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.cloud_loops import CloudLoop, loop_weight
 from gtsam_nav.graph.factors import X
+from gtsam_nav.graph.measurements.edges import KeyframeEdge
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.graph.scan_matching import ScanMatch
@@ -39,18 +42,26 @@ def pose_graph(
     matches: list[ScanMatch],
     scan_keyframe: IntArray,
     cloud_loops: list[CloudLoop],
+    stated: Sequence[KeyframeEdge],
     robustness: Robustness,
 ) -> PoseGraph:
-    """Keyframes with the motion between them and all accepted matches, for export."""
+    """Keyframes with the motion between them, all accepted matches and stated edges, for export."""
     poses = [values.atNavState(X(k)).pose() for k in range(len(problem.t))]
+    joined = {max(e.a, e.b) for e in stated if not e.is_loop}
     edges = [
-        edge_between(poses, k - 1, k, _motion_information(problem, k)) for k in range(1, len(poses))
+        edge_between(poses, k - 1, k, _motion_information(problem, k))
+        for k in range(1, len(poses))
+        if k not in joined
     ]
+    for e in stated:
+        weight = e.weight_at(values, robustness) if e.is_loop else 1.0
+        edges.append(edge_between(poses, e.a, e.b, weight * _planar_information(e.q, e.cov)))
     for m in matches:
         if m.accepted:
             a, b = (int(scan_keyframe[s]) for s in (m.a, m.b))
             weight = match_weight(m, scan_keyframe, values, robustness)
-            edges.append(edge_between(poses, a, b, weight * _planar_information(m)))
+            information = weight * _planar_information(m.match.q, m.match.cov)
+            edges.append(edge_between(poses, a, b, information))
     for loop in cloud_loops:
         if loop.accepted:
             weight = loop_weight(loop, values, robustness)
@@ -87,11 +98,11 @@ def _motion_information(problem: Problem, k: int) -> Array:
     return np.diag(1.0 / np.array([yaw_variance] * 3 + [position_variance] * 3))
 
 
-def _planar_information(m: ScanMatch) -> Array:
-    """Of a planar match, along the axes of its later scan, as an edge has it."""
+def _planar_information(q: Array, cov: Array) -> Array:
+    """Of a planar pose, along the axes at that pose, as an edge has it."""
     turn = np.eye(3)
-    turn[:2, :2] = rotation_from_rpy([0.0, 0.0, m.match.q[2]])[:2, :2]
+    turn[:2, :2] = rotation_from_rpy([0.0, 0.0, q[2]])[:2, :2]
     planar = [3, 4, 2]
     information = UNKNOWN * np.eye(6)
-    information[np.ix_(planar, planar)] = turn.T @ np.linalg.inv(m.match.cov) @ turn
+    information[np.ix_(planar, planar)] = turn.T @ np.linalg.inv(cov) @ turn
     return information

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from gtsam_nav.frames import Array, quaternion_from_rotation
 from gtsam_nav.graph.backend import Covariances
 from gtsam_nav.graph.exported import match_weight
 from gtsam_nav.graph.factors import B
+from gtsam_nav.graph.measurements.edges import KeyframeEdge
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.refinement import Refined
 from gtsam_nav.graph.robust import Robustness
@@ -150,6 +151,34 @@ def loop_closures(
                 verdict="accepted" if m.accepted else "rejected",
                 reason=m.recorded_reason,
                 weight=weight,
+            )
+        )
+    return tuple(closures)
+
+
+def stated_closures(
+    edges: Sequence[KeyframeEdge], t_keyframes: Array, values: Any, robustness: Robustness
+) -> tuple[LoopClosure, ...]:
+    """The loops that the mission's edges close: all are accepted, with their weight."""
+    closures = []
+    for e in edges:
+        if not e.is_loop:
+            continue
+        sigma = np.sqrt(np.diag(e.cov))
+        closures.append(
+            LoopClosure(
+                t_a=float(t_keyframes[e.a]),
+                t_b=float(t_keyframes[e.b]),
+                dx_m=float(e.q[0]),
+                dy_m=float(e.q[1]),
+                dyaw=float(e.q[2]),
+                sigma_x_m=float(sigma[0]),
+                sigma_y_m=float(sigma[1]),
+                sigma_yaw=float(sigma[2]),
+                score=np.nan,
+                verdict="accepted",
+                reason="",
+                weight=e.weight_at(values, robustness),
             )
         )
     return tuple(closures)

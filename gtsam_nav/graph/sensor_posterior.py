@@ -21,8 +21,8 @@ from gtsam_nav.series import IntArray
 
 CALIBRATION = ("scale", "misalignment_rad")
 """The constant errors of the sensor of the velocity."""
-COLUMNS_AT_ONCE = 300
-"""Of a covariance: all of them take the memory of the mission's length squared."""
+ENTRIES_AT_ONCE = 4_000_000
+"""Of a covariance's columns: all of them take the memory of the mission's length squared."""
 
 
 @dataclass(frozen=True)
@@ -167,28 +167,25 @@ def sensor_posterior(
     from scipy.sparse.linalg import splu
 
     system = linearised(graph, values, problem)
-    order = _order_in_time(system.columns)
-    H = system.H[order][:, order]
     try:
+        # least degree first: as good as the order of time on a chain, and where loops are closed
         factor = splu(
-            H, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+            system.H,
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
         )
     except RuntimeError as error:
         raise EstimationError("the sensors do not determine the trajectory") from error
-
-    def solved(right: Array) -> Array:
-        out = np.empty_like(right)
-        out[order] = factor.solve(right[order])
-        return out
-
-    x, U = solved(system.g), solved(system.h)
+    x, U = factor.solve(system.g), factor.solve(system.h)
     constants = constants_given(system, system.h, x, U)
     spread = np.asarray(U @ np.linalg.cholesky(constants.cov))
     selection = _planar_selection(system, keyframes)
     planar_cov = np.empty((selection.shape[1],) * 2)
-    for first in range(0, selection.shape[1], COLUMNS_AT_ONCE):
-        some = slice(first, first + COLUMNS_AT_ONCE)
-        planar_cov[:, some] = selection.T @ solved(selection[:, some].toarray())
+    at_once = max(1, ENTRIES_AT_ONCE // len(system.g))
+    for first in range(0, selection.shape[1], at_once):
+        some = slice(first, first + at_once)
+        planar_cov[:, some] = selection.T @ factor.solve(selection[:, some].toarray())
     planar_spread = selection.T @ spread
     planar_cov += planar_spread @ planar_spread.T
     planar_cov = 0.5 * (planar_cov + planar_cov.T)
@@ -286,12 +283,3 @@ def keyframe_of(key: int) -> int:
     if chr(symbol.chr()) in "ls":
         return RECEIVER_STRIDE
     return int(symbol.index()) % RECEIVER_STRIDE
-
-
-def _order_in_time(columns: dict[int, slice]) -> IntArray:
-    """Columns with all variables of a keyframe together: the chain's factors then stay narrow.
-
-    Landmarks and range scales, which tie keyframes of all times, come last.
-    """
-    by_time = sorted(columns, key=lambda key: (keyframe_of(key), key))
-    return np.concatenate([np.arange(columns[key].start, columns[key].stop) for key in by_time])

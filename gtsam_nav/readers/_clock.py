@@ -22,7 +22,7 @@ def on_mission_time(mission: Mission, offsets_s: Mapping[str, float]) -> Mission
 
     Each sensor's clock offset is added. Samples hours away from what most of the mission forms are
     dropped, so that a clock that jumped never defines time zero; zero is then the earliest sample
-    of any sensor.
+    of any sensor, or pose of an edge.
 
     Parameters
     ----------
@@ -39,13 +39,15 @@ def on_mission_time(mission: Mission, offsets_s: Mapping[str, float]) -> Mission
     mission = _one_stretch(_shifted(mission, offsets_s))
     if all(s.type == "reference" for s in mission.sensors.values()):
         raise DataError(f"mission '{mission.name}' has no usable sensor. {_why_not(mission)}")
-    zero = min(float(s.series.t[0]) for s in mission.sensors.values())
+    first = [float(s.series.t[0]) for s in mission.sensors.values()]
+    zero = min(first if mission.edges is None else [*first, mission.edges.span_s[0]])
     mission = _shifted(mission, dict.fromkeys(offsets_s, -zero))
     warnings = (*mission.warnings, *_warnings_of(mission.sensors.values()))
     for warning in warnings:
         log.warning("%s: %s", mission.name, warning)
     start_utc = None if mission.start_utc is None else mission.start_utc + zero
-    return replace(mission, start_utc=start_utc, warnings=warnings)
+    edges = mission.edges and mission.edges.shift(-zero)
+    return replace(mission, start_utc=start_utc, edges=edges, warnings=warnings)
 
 
 def _shifted(mission: Mission, offsets_s: Mapping[str, float]) -> Mission:

@@ -31,6 +31,7 @@ from gtsam_nav.series import SERIES_TYPES
 
 MISSION_FILE = "mission.yaml"
 LANDMARK_MAP = "landmark_map"
+EDGES = "edges"
 
 
 def _posix_seconds(given: Any) -> Any:
@@ -148,7 +149,7 @@ class SensorEntry(SensorCard):
     @classmethod
     def types(cls) -> tuple[str, ...]:
         """Sensor types that may be named."""
-        return (*SERIES_TYPES, LANDMARK_MAP)
+        return (*SERIES_TYPES, LANDMARK_MAP, EDGES)
 
     @property
     def factors(self) -> dict[str, float]:

@@ -39,12 +39,14 @@ import numpy as np
 from gtsam_nav.cards import read_yaml
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, Origin
-from gtsam_nav.mission import LandmarkMap, Mission, Rejection, Sensor
+from gtsam_nav.mission import LandmarkMap, Mission, PoseEdges, Rejection, Sensor
 from gtsam_nav.preprocess.cleaning import screen, tidy
 from gtsam_nav.preprocess.repeats import without_repeats
 from gtsam_nav.readers._clock import on_mission_time
+from gtsam_nav.readers._edges import read_edges
 from gtsam_nav.readers._gnss import Fixes
 from gtsam_nav.readers._mission_yaml import (
+    EDGES,
     LANDMARK_MAP,
     MISSION_FILE,
     MissingFileError,
@@ -109,6 +111,7 @@ def read_described(
         start_utc=described.start_utc,
         initial=described.initial.to_state(reading.origin, description),
         landmark_map=reading.landmark_map,
+        edges=reading.edges,
         constraints=described.constraints.to_constraints(),
         rejections=(*rejections, *reading.rejections),
         warnings=tuple(reading.warnings),
@@ -131,6 +134,7 @@ class _Reading:
     warnings: list[str] = field(default_factory=list)
     sources: list[Path] = field(default_factory=list)
     landmark_map: LandmarkMap | None = None
+    edges: PoseEdges | None = None
 
     def add(self, name: str, entry: SensorEntry) -> None:
         """Read one entry of the mission."""
@@ -138,6 +142,11 @@ class _Reading:
         self.sources.append(self.folder / entry.file)
         if entry.type == LANDMARK_MAP:
             self.landmark_map = self._landmark_map(path)
+            return
+        if entry.type == EDGES:
+            self.edges, dropped = read_edges(path)
+            if dropped:
+                self.warnings.append(f"{path.name}: {dropped} unusable edges are left out")
             return
         series, rejections = self._series(name, entry, path)
         self.rejections += rejections

@@ -11,12 +11,14 @@ VERTEX_..       somebody's guess or result; not read
 
 Metres and radians, counter-clockwise; x becomes north and y west, as in all local frames. Poses are
 in the order of their numbers, one second apart: an edge between neighbours is the odometry of that
-second, stamped at its middle. What joins other poses (a loop) is no sensor's, and rejected.
+second, stamped at its middle. Where some join other poses (loops) all are edges of the mission too,
+for the methods that know poses; mission time begins with the first pose then.
 """
 
 from __future__ import annotations
 
 from collections import Counter
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -26,9 +28,10 @@ from gtsam_nav.frames import Array, rpy_from_quaternion
 from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.preprocess.cleaning import tidy
 from gtsam_nav.readers._clock import on_mission_time
+from gtsam_nav.readers._edges import loops_said, split_edges
 from gtsam_nav.readers._odometry import step_speeds
 from gtsam_nav.readers._text import TRUNCATED, first_lines, stream_lines
-from gtsam_nav.series import IntArray, LandmarkSeries, OdometrySeries, Series
+from gtsam_nav.series import IntArray, LandmarkSeries, Series
 from gtsam_nav.solution import Progress, no_progress
 
 NAME = "g2o graph"
@@ -67,7 +70,11 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
     poses = np.unique(graph.edges[:, :2]).astype(np.int64)
     if not len(poses):
         raise DataError("no edge joins two poses: no line EDGE_SE2 or EDGE_SE3:QUAT", path)
-    cleaned: dict[str, Cleaned] = {"odometry": _odometry(graph, poses)}
+    ends = np.searchsorted(poses, graph.edges[:, :2])
+    edges, odometry, refused = split_edges(
+        ends, graph.edges[:, 2:5], graph.cov, _odometry(graph, ends)
+    )
+    cleaned: dict[str, Cleaned] = {"odometry": (odometry, refused)}
     if len(graph.sightings):
         cleaned["landmarks"] = _sightings(graph, poses)
     rejections = [rejection for _, dropped in cleaned.values() for rejection in dropped]
@@ -80,19 +87,21 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
             for name, (series, _) in cleaned.items()
             if series is not None
         },
+        edges=edges,
         rejections=tuple(rejections),
-        warnings=tuple(graph.warnings()),
+        warnings=(*graph.warnings(), *loops_said(edges)),
         sources=(path,),
     )
     return on_mission_time(mission, dict.fromkeys(cleaned, 0.0))
 
 
 class _Graph:
-    """The lines of a file: ``edges`` (n, 7) as a, b, x, y, theta, sigma of the step and of the
-    turn; ``sightings`` (m, 6) as pose, landmark, x, y, sigma along and across."""
+    """The lines of a file: ``edges`` (n, 5) as a, b, x, y, theta, and their ``cov`` (n, 3, 3);
+    ``sightings`` (m, 6) as pose, landmark, x, y, sigma along and across."""
 
     def __init__(self, path: Path, progress: Progress) -> None:
         edges: list[list[float]] = []
+        cov: list[Array] = []
         sightings: list[list[float]] = []
         self.skipped: Counter[str] = Counter()
         self.steepest = 0.0
@@ -111,26 +120,27 @@ class _Graph:
                 if word == "EDGE_SE2_XY":
                     sightings.append(_sighting(values))
                 else:
-                    edges.append(self._edge(word, values))
+                    step, of_step = self._edge(word, values)
+                    edges.append([*values[:2], *step])
+                    cov.append(of_step)
             except (ValueError, np.linalg.LinAlgError) as error:
                 fault = DataError(f"{word}: {error}", path, number)
                 if len(texts) == N_NUMBERS[word]:
                     raise fault from error
         self.is_cut = fault is not None
-        self.edges = np.array(edges).reshape(-1, 7)
+        self.edges = np.array(edges).reshape(-1, 5)
+        self.cov = np.array(cov).reshape(-1, 3, 3)
         self.sightings = np.array(sightings).reshape(-1, 6)
 
-    def _edge(self, word: str, v: Array) -> list[float]:
+    def _edge(self, word: str, v: Array) -> tuple[Array, Array]:
+        """The step of an edge and its covariance."""
         if word == "EDGE_SE2":
-            step, cov = v[2:5], _covariance(v[5:], 3)
-        else:
-            x, y, z = v[2:5]
-            self.steepest = max(self.steepest, abs(z) / max(float(np.hypot(x, y)), 1.0))
-            yaw = rpy_from_quaternion(v[[8, 5, 6, 7]])[2]
-            step = np.array([x, y, yaw])
-            cov = _covariance(v[9:], 6)[np.ix_([0, 1, 5], [0, 1, 5])]
-        sigma = np.sqrt(np.diag(cov))
-        return [*v[:2], *step, float(max(sigma[:2])), float(sigma[2])]
+            return v[2:5], _covariance(tuple(v[5:].tolist()), 3)
+        x, y, z = v[2:5]
+        self.steepest = max(self.steepest, abs(z) / max(float(np.hypot(x, y)), 1.0))
+        yaw = rpy_from_quaternion(v[[8, 5, 6, 7]])[2]
+        cov = _covariance(tuple(v[9:].tolist()), 6)[np.ix_([0, 1, 5], [0, 1, 5])]
+        return np.array([x, y, yaw]), cov
 
     def warnings(self) -> list[str]:
         """What the user must hear of."""
@@ -152,8 +162,12 @@ def _numbers(word: str, texts: list[str]) -> Array:
     return values
 
 
-def _covariance(upper: Array, size: int) -> Array:
-    """Inverse of an information matrix, of which the upper triangle is given row by row."""
+@lru_cache(maxsize=256)
+def _covariance(upper: tuple[float, ...], size: int) -> Array:
+    """Inverse of an information matrix, of which the upper triangle is given row by row.
+
+    A file's edges have few different ones.
+    """
     information = np.zeros((size, size))
     information[np.triu_indices(size)] = upper
     information += np.triu(information, 1).T
@@ -164,29 +178,28 @@ def _covariance(upper: Array, size: int) -> Array:
 
 def _sighting(v: Array) -> list[float]:
     x, y = v[2:4]
-    cov = _covariance(v[4:], 2)
+    cov = _covariance(tuple(v[4:].tolist()), 2)
     ray = np.array([x, y]) / max(float(np.hypot(x, y)), 1e-12)
     across = np.array([-ray[1], ray[0]])
     along_across = np.sqrt([ray @ cov @ ray, across @ cov @ across])
     return [*v[:2], x, y, *along_across]
 
 
-def _odometry(graph: _Graph, poses: IntArray) -> Cleaned:
-    a, b = np.searchsorted(poses, graph.edges[:, :2].T)
+def _odometry(graph: _Graph, ends: IntArray) -> dict[str, Array]:
+    """The edges as if all joined neighbours."""
+    a, b = ends.T
     x, y, theta = graph.edges[:, 2:5].T
     c, s = np.cos(theta), np.sin(theta)
     backward = np.column_stack([-c * x - s * y, s * x - c * y, -theta])
     steps = np.where((b < a)[:, None], backward, graph.edges[:, 2:5])
     v_b, yaw_rate = step_speeds(steps, np.ones(len(steps)))
-    columns = {
+    return {
         "t": np.minimum(a, b) + 0.5,
         "v_b": v_b,
         "yaw_rate": yaw_rate,
-        "sigma_v": graph.edges[:, 5],
-        "sigma_yaw_rate": graph.edges[:, 6],
+        "sigma_v": np.sqrt(np.maximum(graph.cov[:, 0, 0], graph.cov[:, 1, 1])),
+        "sigma_yaw_rate": np.sqrt(graph.cov[:, 2, 2]),
     }
-    refused = {"joins poses that are no neighbours": np.abs(b - a) != 1}
-    return tidy(OdometrySeries, "odometry", columns, refused=refused)
 
 
 def _sightings(graph: _Graph, poses: IntArray) -> Cleaned:

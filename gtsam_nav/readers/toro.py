@@ -13,9 +13,10 @@ figures stand as ``xx xy xt yy yt tt`` or, as in TORO, ``xx xy yy tt xt yt``; th
 tell which (GTSAM reads them so too).
 
 Poses are in the order of their numbers, one second apart: an edge between neighbours is the
-odometry of that second, stamped at its middle; mission time begins with the first stamp. What joins
-other poses (a loop) is no sensor's, and rejected. Noise is that of the file, but of a data set with
-a card (``victoria_park``) that of the card.
+odometry of that second, stamped at its middle; mission time begins with the first stamp. Where some
+join other poses (loops) all are edges of the mission too, for the methods that know poses; mission
+time begins with the first pose then. Noise is that of the file, but the odometry and sightings of a
+data set with a card (``victoria_park``) have that of the card.
 """
 
 from __future__ import annotations
@@ -32,9 +33,10 @@ from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.preprocess.cleaning import tidy
 from gtsam_nav.readers._clock import on_mission_time
+from gtsam_nav.readers._edges import loops_said, split_edges
 from gtsam_nav.readers._text import TRUNCATED, read_lines
 from gtsam_nav.sensors.noise import LandmarkNoise, OdometryNoise
-from gtsam_nav.series import IntArray, LandmarkSeries, OdometrySeries, Series
+from gtsam_nav.series import IntArray, LandmarkSeries, Series
 from gtsam_nav.solution import Progress, no_progress
 
 NAME = "TORO graph"
@@ -116,8 +118,13 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
     poses = np.unique(lines.edges[:, :2]).astype(np.int64)
     if not len(poses):
         raise DataError(f"no edge joins two poses: no line {' or '.join(EDGES)}", path)
+    ends = np.searchsorted(poses, lines.edges[:, :2])
+    cov = _covariances(lines.edges[:, 5:], path)
+    edges, odometry, refused = split_edges(
+        ends, lines.edges[:, 2:5], cov, _odometry(lines, ends, cov, card)
+    )
     cleaned: dict[str, Cleaned] = {
-        "odometry": _odometry(lines, poses, card, path),
+        "odometry": (odometry, refused + lines.truncation("odometry", len(ends))),
         "landmarks": _sightings(lines, poses, card),
     }
     progress("read mission", 1.0)
@@ -129,8 +136,9 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
     mission = Mission(
         name=path.stem,
         sensors=sensors,
+        edges=edges,
         rejections=tuple(r for _, dropped in cleaned.values() for r in dropped),
-        warnings=tuple(_warnings(lines, len(poses), sensors)),
+        warnings=(*_warnings(lines, len(poses), sensors), *loops_said(edges)),
         sources=(path,),
     )
     return on_mission_time(mission, dict.fromkeys(cleaned, 0.0))
@@ -181,15 +189,18 @@ def _polar(seen: list[float]) -> list[float]:
     return [pose, landmark, range_m, np.arctan2(y, x), sigma_along, sigma_across / range_m]
 
 
-def _odometry(lines: _Lines, poses: IntArray, card: Card | None, path: Path) -> Cleaned:
-    a, b = np.searchsorted(poses, lines.edges[:, :2].T)
+def _odometry(lines: _Lines, ends: IntArray, cov: Array, card: Card | None) -> dict[str, Array]:
+    """The edges as if all joined neighbours."""
+    a, b = ends.T
     step = _forward(lines.edges[:, 2:5], backward=b < a)
-    sigma_v, sigma_turn = _sigmas(lines.edges[:, 5:], path)
+    with np.errstate(invalid="ignore"):
+        sigma_v = np.sqrt(np.maximum(cov[:, 0, 0], cov[:, 1, 1]))
+        sigma_turn = np.sqrt(cov[:, 2, 2])
     if card is not None:
         noise = OdometryNoise.model_validate(card.sensors["odometry"].noise)
         sigma_v = np.full(len(a), noise.sigma_v_m_s)
         sigma_turn = np.full(len(a), noise.sigma_yaw_rate_rad_s)
-    columns = {
+    return {
         # the mean over the second between two poses
         "t": np.minimum(a, b) + 0.5,
         "v_b": _mean_velocity(step),
@@ -197,9 +208,6 @@ def _odometry(lines: _Lines, poses: IntArray, card: Card | None, path: Path) -> 
         "sigma_v": sigma_v,
         "sigma_yaw_rate": sigma_turn,
     }
-    refused = {"joins poses that are no neighbours": np.abs(b - a) != 1}
-    series, rejections = tidy(OdometrySeries, "odometry", columns, refused=refused)
-    return series, rejections + lines.truncation("odometry", len(a))
 
 
 def _forward(step: Array, backward: Array) -> Array:
@@ -219,9 +227,9 @@ def _mean_velocity(step: Array) -> Array:
     return np.column_stack([per_arc * x + half * y, half * x - per_arc * y])
 
 
-def _sigmas(figures: Array, path: Path) -> tuple[Array, Array]:
-    """Sigmas of the step, the larger of its two axes, and of the turn."""
-    xx, _, third, fourth, fifth, sixth = figures.T
+def _covariances(figures: Array, path: Path) -> Array:
+    """Covariances of x, y and theta, shape (n, 3, 3)."""
+    xx, xy, third, fourth, fifth, sixth = figures.T
     toro = (third != 0) & (fourth != 0) & (fifth == 0) & (sixth == 0)
     usual = (third == 0) & (fourth != 0) & (fifth == 0) & (sixth != 0)
     if not np.all(toro | usual):
@@ -231,9 +239,11 @@ def _sigmas(figures: Array, path: Path) -> tuple[Array, Array]:
             " order xx 0 0 yy 0 tt nor xx 0 yy tt 0 0",
             path,
         )
-    yy, tt = np.where(toro, third, fourth), np.where(toro, fourth, sixth)
-    with np.errstate(invalid="ignore"):
-        return np.sqrt(np.maximum(xx, yy)), np.sqrt(tt)
+    cov = np.zeros((len(figures), 3, 3))
+    cov[:, 0, 0], cov[:, 0, 1], cov[:, 1, 0] = xx, xy, xy
+    cov[:, 1, 1] = np.where(toro, third, fourth)
+    cov[:, 2, 2] = np.where(toro, fourth, sixth)
+    return cov
 
 
 def _sightings(lines: _Lines, poses: IntArray, card: Card | None) -> Cleaned:

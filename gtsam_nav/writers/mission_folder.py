@@ -20,7 +20,8 @@ import yaml
 
 from gtsam_nav.errors import OutputError
 from gtsam_nav.frames import Array, geodetic_from_ned, rpy_from_rotation
-from gtsam_nav.mission import Constraints, InitialState, LandmarkMap, Mission, Sensor
+from gtsam_nav.mission import Constraints, InitialState, LandmarkMap, Mission, PoseEdges, Sensor
+from gtsam_nav.readers._edges import COV_COLUMNS
 from gtsam_nav.readers._rejections import COLUMNS, REJECTIONS_FILE
 from gtsam_nav.readers.clouds import cloud_table, load
 from gtsam_nav.readers.layout import GEODETIC_COLUMNS, LAYOUTS, NED_COLUMNS
@@ -36,7 +37,7 @@ from gtsam_nav.writers.tables import EXACT, write_records, write_table
 from gtsam_nav.yaml_files import read_yaml_file
 
 MISSION_FILE = "mission.yaml"
-LANDMARK_MAP = "landmark_map"
+LANDMARK_MAP, EDGES = "landmark_map", "edges"
 FOLDED_BY_YAML = "\x85\u2028\u2029"
 """Line breaks that would read back as spaces if they were not escaped."""
 
@@ -118,6 +119,9 @@ def _write_files(mission: Mission, folder: Path) -> None:
         _write_landmark_map(mission.landmark_map, folder / f"{LANDMARK_MAP}.csv")
         name = _unused(LANDMARK_MAP, set(entries))
         entries[name] = {"type": LANDMARK_MAP, "file": f"{LANDMARK_MAP}.csv"}
+    if mission.edges is not None:
+        _write_edges(mission.edges, folder / f"{EDGES}.csv")
+        entries[_unused(EDGES, set(entries))] = {"type": EDGES, "file": f"{EDGES}.csv"}
     description["sensors"] = entries
     if mission.rejections:
         rows = [(r.t, r.sensor, r.index, r.reason) for r in mission.rejections]
@@ -164,7 +168,7 @@ def _entry(sensor: Sensor, file_name: str) -> dict[str, Any]:
 
 def _file_stems(mission: Mission) -> list[str]:
     """One file name a sensor, without its ending, whatever the sensors are called."""
-    taken = {LANDMARK_MAP, Path(REJECTIONS_FILE).stem}
+    taken = {LANDMARK_MAP, EDGES, Path(REJECTIONS_FILE).stem}
     stems = []
     for name in mission.sensors:
         stem = _unused(re.sub(r"[^A-Za-z0-9_-]+", "_", name) or "sensor", taken)
@@ -257,3 +261,16 @@ def _write_landmark_map(landmarks: LandmarkMap, path: Path) -> None:
         "sigma": (landmarks.sigma, EXACT),
     }
     write_table(path, columns)
+
+
+def _write_edges(edges: PoseEdges, path: Path) -> None:
+    upper, right = np.triu_indices(3)
+    columns = {
+        "t_from": edges.t[:, 0],
+        "t": edges.t[:, 1],
+        "x": edges.q[:, 0],
+        "y": edges.q[:, 1],
+        "yaw_deg": np.degrees(edges.q[:, 2]),
+        **dict(zip(COV_COLUMNS, edges.cov[:, upper, right].T, strict=True)),
+    }
+    write_table(path, {name: (values, EXACT) for name, values in columns.items()})

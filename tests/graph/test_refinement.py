@@ -16,7 +16,10 @@ from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.refinement import JointRefinement, Refined
 from gtsam_nav.solution import no_progress
 
+pytestmark = pytest.mark.slow
+
 SAME_M = 0.01
+
 MOST_ITERATIONS = 9
 """Eight narrow the gate; a start that is off by a turn or a stretch needs none of its own."""
 

@@ -33,6 +33,11 @@ def same(one: Mission, two: Mission, atol: float = 0.0) -> None:
             assert (a is None) == (b is None), (name, column)
             if a is not None:
                 np.testing.assert_allclose(a, b, atol=atol, rtol=atol, err_msg=f"{name} {column}")
+    assert (one.edges is None) == (two.edges is None)
+    if one.edges is not None and two.edges is not None:
+        for column in ("t", "q", "cov"):
+            a, b = getattr(one.edges, column), getattr(two.edges, column)
+            np.testing.assert_allclose(a, b, atol=atol, rtol=atol, err_msg=f"edges {column}")
 
 
 def test_every_reader_brings_a_sample() -> None:

@@ -41,16 +41,51 @@ def test_edges_between_neighbours_are_odometry(tmp_path: Path) -> None:
     """Poses 0, 1, 3, 4 are a second apart; a left quarter turn on 2 m radius is pi metres long."""
     read = graph(tmp_path)
     series = odometry_of(read)
-    np.testing.assert_allclose(series.t, [0, 1, 2])
+    np.testing.assert_allclose(series.t, [0.5, 1.5, 2.5])
     np.testing.assert_allclose(series.v_b, [[np.pi, 0], [1, 0], [2, 0]], atol=1e-12)
     np.testing.assert_allclose(series.yaw_rate, [-np.pi / 2, 0, 0], atol=1e-12)
     np.testing.assert_allclose(series.sigma_v, 0.2)
     np.testing.assert_allclose(series.sigma_yaw_rate, 0.5)
-    assert Counter(r.reason for r in read.rejections) == {
-        "joins poses that are no neighbours": 1,
-        "no such pose": 1,
-    }
+    assert Counter(r.reason for r in read.rejections) == {"no such pose": 1}
     assert any("EDGE_PRIOR_SE2 (1)" in w for w in read.warnings)
+
+
+def test_edges_that_close_loops_are_edges_of_the_mission(tmp_path: Path) -> None:
+    """All edges are then; the noise along the later pose's axes is turned into the earlier's."""
+    read = graph(tmp_path)
+    assert read.edges is not None
+    np.testing.assert_allclose(read.edges.t, [[0, 1], [1, 2], [3, 2], [0, 3]])
+    np.testing.assert_allclose(read.edges.q[0], [2, -2, -np.pi / 2])
+    np.testing.assert_allclose(read.edges.q[3], [1, -1, -1])
+    np.testing.assert_allclose(read.edges.cov[1], np.diag([0.04, 0.01, 0.25]))
+    np.testing.assert_allclose(read.edges.cov[0], np.diag([0.01, 0.04, 0.25]), atol=1e-15)
+    assert any("1 edges close loops" in w for w in read.warnings)
+
+
+def test_edges_are_cropped_with_both_their_poses(tmp_path: Path) -> None:
+    read = graph(tmp_path)
+    cropped = read.crop(1.0, 4.0)
+    assert cropped.edges is not None
+    np.testing.assert_allclose(cropped.edges.t, [[1, 2], [3, 2]])
+    assert cropped.span_s == (1.0, 3.0)
+    assert read.crop(0.1, 0.9).edges is None
+
+
+def test_a_graph_without_loops_is_odometry_alone(tmp_path: Path) -> None:
+    read = graph(tmp_path, f"EDGE_SE2 0 1 2 0 0 {INFORMATION}\n")
+    assert read.edges is None
+    np.testing.assert_allclose(odometry_of(read).t, [0])
+
+
+def test_edges_that_say_nothing_are_rejected_by_their_number(tmp_path: Path) -> None:
+    good = f"EDGE_SE2 0 1 2 0 0 {INFORMATION}\nEDGE_SE2 1 2 2 0 0 {INFORMATION}\n"
+    bad = f"EDGE_SE2 1 1 0 0 0 {INFORMATION}\nEDGE_SE2 0 2 nan 0 0 {INFORMATION}\n"
+    read = graph(tmp_path, good + bad)
+    assert [(r.index, r.reason) for r in read.rejections] == [
+        (2, "joins a pose to itself"),
+        (3, "says nothing finite"),
+    ]
+    assert read.edges is None
 
 
 def test_landmarks_are_polar_and_clockwise(tmp_path: Path) -> None:

@@ -46,7 +46,7 @@ def series_of(mission: Mission) -> tuple[OdometrySeries, LandmarkSeries]:
 def test_edges_between_neighbours_are_odometry(tmp_path: Path) -> None:
     """Poses 0, 1, 3, 4 are a second apart; a left quarter turn on 2 m radius is pi metres long."""
     odometry, _ = series_of(graph(tmp_path))
-    np.testing.assert_allclose(odometry.t, [0.0, 1.0, 2.0])
+    np.testing.assert_allclose(odometry.t, [0.5, 1.5, 2.5])
     np.testing.assert_allclose(odometry.v_b, [[np.pi, 0], [1, 0], [2, 0]], atol=1e-12)
     np.testing.assert_allclose(odometry.yaw_rate, [-np.pi / 2, 0, 0], atol=1e-12)
     np.testing.assert_allclose(odometry.sigma_v, 0.2)
@@ -55,8 +55,8 @@ def test_edges_between_neighbours_are_odometry(tmp_path: Path) -> None:
 
 def test_sightings_are_polar_and_clockwise(tmp_path: Path) -> None:
     _, seen = series_of(graph(tmp_path))
-    # the first odometry, half a second after pose 0, is the mission's zero
-    np.testing.assert_allclose(seen.t, [0.5, 1.5])
+    # pose 0 of the edges is the mission's zero
+    np.testing.assert_allclose(seen.t, [1.0, 2.0])
     np.testing.assert_array_equal(seen.id, [2, 2])
     np.testing.assert_allclose(seen.range_m, [5, 6])
     np.testing.assert_allclose(seen.bearing, [-np.arctan2(4, 3), 0.5])
@@ -67,13 +67,20 @@ def test_sightings_are_polar_and_clockwise(tmp_path: Path) -> None:
 def test_what_no_sensor_measures_is_rejected_and_said(tmp_path: Path) -> None:
     mission = graph(tmp_path)
     assert [(r.sensor, r.index, r.reason) for r in mission.rejections] == [
-        ("odometry", 3, "joins poses that are no neighbours"),
         ("landmarks", 2, "no such pose"),
         ("landmarks", 3, "non-finite bearing"),
     ]
     assert any("no clock" in w for w in mission.warnings)
     assert any("EQUIV (1)" in w for w in mission.warnings)
     assert mission.start_utc is None
+
+
+def test_edges_that_close_loops_are_edges_of_the_mission(tmp_path: Path) -> None:
+    edges = graph(tmp_path).edges
+    assert edges is not None
+    np.testing.assert_allclose(edges.t, [[0, 1], [1, 2], [3, 2], [0, 3]])
+    np.testing.assert_allclose(edges.q[3], [1, -1, -1])
+    np.testing.assert_allclose(edges.cov[1], np.diag([0.04, 0.01, 0.09]))
 
 
 def test_a_covariance_in_polar_axes(tmp_path: Path) -> None:

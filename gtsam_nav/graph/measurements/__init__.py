@@ -9,6 +9,7 @@ from gtsam_nav.frames import Array
 from gtsam_nav.graph.measurements import (
     constraints,
     depth,
+    edges,
     gnss,
     imu,
     landmarks,
@@ -25,6 +26,7 @@ from gtsam_nav.sensors.orientation import headings_true
 KINDS: tuple[Callable[[Problem, Mission, Config], None], ...] = (
     start.add,
     velocity.add,
+    edges.add,
     imu.add,
     orientation.add,
     depth.add,

@@ -8,11 +8,13 @@ from gtsam_nav.config import Config
 from gtsam_nav.frames import Array
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import X
+from gtsam_nav.graph.measurements.edges import joined
 from gtsam_nav.graph.problem import ConstantError, Displacement, Problem
 from gtsam_nav.mission import Mission
 from gtsam_nav.sensors.dvl import water_spells
 from gtsam_nav.sensors.noise import DvlNoise
 from gtsam_nav.sensors.odometry import velocity_calibration_sigma
+from gtsam_nav.series import BoolArray
 
 
 def add(problem: Problem, mission: Mission, config: Config) -> None:
@@ -25,7 +27,9 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
     problem.calibration_sigma = velocity_calibration_sigma(mission)
     within_s, current_sigma = _through_water(problem, mission, config)
     moved_m = current_sigma * np.sum(within_s, axis=0)
-    _add_increments(problem, config, not problem.uses_imu and not problem.has_compass, moved_m)
+    stated = joined(problem.t, mission)
+    turns = not problem.uses_imu and not problem.has_compass
+    _add_increments(problem, config, turns, moved_m, stated)
     _add_currents(problem, within_s, current_sigma)
     if not problem.uses_imu:
         for k in range(len(problem.t)):
@@ -64,11 +68,16 @@ def _add_currents(problem: Problem, within_s: Array, sigma: float) -> None:
             problem.constants.append(ConstantError(label, sigma, effect))
 
 
-def _add_increments(problem: Problem, config: Config, yaw_by_motion: bool, moved_m: Array) -> None:
-    """Displacements; changes of the water's motion may move each by ``moved_m``, shape (n - 1,)."""
+def _add_increments(
+    problem: Problem, config: Config, yaw_by_motion: bool, moved_m: Array, stated: BoolArray
+) -> None:
+    """Displacements, but where an edge states them, shape (n - 1,).
+
+    Changes of the water's motion may move each by ``moved_m``, shape (n - 1,).
+    """
     motion = problem.motion
     variance = motion.displacement_variance(problem.t[:-1], problem.t[1:])
-    for k in range(1, len(problem.t)):
+    for k in (1 + np.flatnonzero(~stated)).tolist():
         dt = problem.t[k] - problem.t[k - 1]
         R_ab, p_a = problem.increment(k - 1, k)
         sigma_p = float(np.hypot(np.sqrt(variance[k - 1]), moved_m[k - 1]))

@@ -1,0 +1,115 @@
+"""Pose graphs through our reader and back end, against GTSAM's own reader and one LM.
+
+city10000, which GTSAM brings along, and any planar g2o file that is named. Ours is the whole
+method: causal pass, batch, refinement and covariances, with least squares instead of kernels, so
+that both seek the same optimum. ``chi2`` is that of the file's edges at either's poses. Times are
+the processor's.
+"""
+
+from __future__ import annotations
+
+import itertools
+import statistics
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import gtsam
+import numpy as np
+
+import gtsam_nav as gn
+from gtsam_nav.frames import rpy_from_quaternion
+
+CITY = "T1_city10000_04.txt"
+SHORT_POSES = 2000
+"""Of city10000; all of them take minutes."""
+CITY_INFORMATION = "900 0 0 900 0 10000"
+"""Of 1/30 m, 1/30 m and 1/100 rad, as in GTSAM's own example."""
+LEAST_SQUARES = ("graph.robust.loops.kernel=none", "graph.robust.velocity.kernel=none")
+
+
+def measure(repeats: int, files: Sequence[Path], whole: bool) -> dict[str, Any]:
+    """Seconds and chi-squares of each graph."""
+    rows = {}
+    with tempfile.TemporaryDirectory() as folder:
+        city = Path(folder) / "city10000.g2o"
+        write_city(city, None if whole else SHORT_POSES)
+        for path in (city, *files):
+            rows[path.name.partition(".g2o")[0]] = _compare(path, repeats)
+    ratios = {
+        f"{what}_{name}": row[what]
+        for name, row in rows.items()
+        for what in ("reading_over_gtsam", "estimate_over_raw", "chi2_over_raw")
+    }
+    return {"graphs": rows, "ratios": ratios}
+
+
+def write_city(path: Path, poses: int | None) -> None:
+    """The first poses of city10000 as g2o; of an edge with several hypotheses the first."""
+    lines = []
+    for line in Path(gtsam.findExampleDataFile(CITY)).read_text(encoding="ascii").splitlines():
+        _, a, _, b, _, _, x, y, theta, *_ = line.split()
+        if poses is None or max(int(a), int(b)) < poses:
+            lines.append(f"EDGE_SE2 {a} {b} {x} {y} {theta} {CITY_INFORMATION}\n")
+    path.write_text("".join(lines), encoding="ascii")
+
+
+def _compare(path: Path, repeats: int) -> dict[str, Any]:
+    runs = [_once(path) for _ in range(repeats)]
+    row = {name: statistics.median(run[name] for run in runs) for name in runs[0]}
+    return {
+        **row,
+        "reading_over_gtsam": row["reading_s"] / row["raw_reading_s"],
+        "estimate_over_raw": row["estimate_s"] / row["raw_lm_s"],
+        "raw_over_estimate": row["raw_lm_s"] / row["estimate_s"],
+        "chi2_over_raw": row["chi2"] / row["raw_chi2"],
+    }
+
+
+def _once(path: Path) -> dict[str, float]:
+    config = gn.load_config(None, LEAST_SQUARES)
+    marks = [time.process_time()]
+    mission = gn.open_mission(path)
+    marks.append(time.process_time())
+    solution = gn.estimate(mission, "graph", config)
+    marks.append(time.process_time())
+    graph, _ = gtsam.readG2o(str(path), False)
+    marks.append(time.process_time())
+    start = _odometry(graph)
+    anchored = gtsam.NonlinearFactorGraph(graph)
+    anchored.push_back(gtsam.NonlinearEqualityPose2(0, gtsam.Pose2()))
+    raw = gtsam.LevenbergMarquardtOptimizer(anchored, start).optimize()
+    marks.append(time.process_time())
+    names = ("reading_s", "estimate_s", "raw_reading_s", "raw_lm_s")
+    spans = [b - a for a, b in itertools.pairwise(marks)]
+    return {
+        "poses": float(start.size()),
+        "edges": float(graph.size()),
+        **dict(zip(names, spans, strict=True)),
+        "chi2": 2.0 * graph.error(_poses(solution)),
+        "raw_chi2": 2.0 * graph.error(raw),
+    }
+
+
+def _odometry(graph: Any) -> Any:
+    """The poses one after the other, from edge to edge between neighbours."""
+    values = gtsam.Values()
+    values.insert(0, gtsam.Pose2())
+    for n in range(graph.size()):
+        edge = graph.at(n)
+        a, b = edge.keys()
+        if b == a + 1 and not values.exists(b):
+            values.insert(b, values.atPose2(a).compose(edge.measured()))
+    return values
+
+
+def _poses(solution: gn.Solution) -> Any:
+    """The keyframes in the file's axes: y to port, theta counter-clockwise."""
+    graph, values = solution.pose_graph, gtsam.Values()
+    assert graph is not None
+    yaw = rpy_from_quaternion(np.asarray(graph.q_nb_wxyz))[:, 2]
+    for k, (p_n, turn) in enumerate(zip(graph.p_n.tolist(), yaw.tolist(), strict=True)):
+        values.insert(k, gtsam.Pose2(p_n[0], -p_n[1], -turn))
+    return values

@@ -1,0 +1,75 @@
+"""Edges of a pose graph between the keyframes at its poses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from gtsam_nav.config import Config
+from gtsam_nav.frames import Array
+from gtsam_nav.graph import factors
+from gtsam_nav.graph.factors import X
+from gtsam_nav.graph.problem import Problem
+from gtsam_nav.graph.robust import Robustness
+from gtsam_nav.graph.scan_matching import LOOP
+from gtsam_nav.mission import Mission
+from gtsam_nav.series import BoolArray
+from gtsam_nav.trajectory import SAME_TIME_S
+
+
+class KeyframeEdge(NamedTuple):
+    """Keyframe b in the axes of keyframe a: forward, starboard and yaw, with their covariance;
+    ``row`` is its place among the mission's edges."""
+
+    a: int
+    b: int
+    q: Array
+    cov: Array
+    row: int
+
+    @property
+    def is_loop(self) -> bool:
+        """Whether the keyframes do not follow each other."""
+        return abs(self.b - self.a) > 1
+
+    @property
+    def factor(self) -> Any:
+        """As a factor with Gaussian noise."""
+        return factors.planar_match(X(self.a), X(self.b), self.q, self.cov)
+
+    def weight_at(self, values: Any, robustness: Robustness) -> float:
+        """What a kernel leaves of the edge at given values."""
+        residual = float(np.linalg.norm(self.factor.whitenedError(values)))
+        return factors.weight(robustness, residual)
+
+
+def keyframe_edges(t_keyframes: Array, mission: Mission) -> Iterator[KeyframeEdge]:
+    """The mission's edges whose poses are keyframes."""
+    if mission.edges is None:
+        return
+    t = mission.edges.t
+    nearest = np.searchsorted(0.5 * (t_keyframes[1:] + t_keyframes[:-1]), t, side="right")
+    there = np.all(np.abs(t_keyframes[nearest] - t) < SAME_TIME_S, axis=1)
+    for n in np.flatnonzero(there).tolist():
+        a, b = nearest[n].tolist()
+        yield KeyframeEdge(a, b, mission.edges.q[n], mission.edges.cov[n], n)
+
+
+def joined(t_keyframes: Array, mission: Mission) -> BoolArray:
+    """Which intervals between keyframes an edge spans, shape (n - 1,): no need of odometry."""
+    spanned = np.zeros(len(t_keyframes) - 1, dtype=bool)
+    for edge in keyframe_edges(t_keyframes, mission):
+        if not edge.is_loop:
+            spanned[min(edge.a, edge.b)] = True
+    return spanned
+
+
+def add(problem: Problem, mission: Mission, config: Config) -> None:
+    """Every edge as it stands; those that close loops under the loops' kernel."""
+    robust = config.graph.robust
+    for edge in keyframe_edges(problem.t, mission):
+        kernel = robust.loops if edge.is_loop else robust.velocity
+        sensor = LOOP if edge.is_loop else "velocity"
+        problem.add(max(edge.a, edge.b), sensor, edge.factor, kernel, edge.row)
