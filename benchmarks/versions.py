@@ -59,7 +59,7 @@ print(json.dumps(found))
 
 @dataclass(frozen=True)
 class Outcome:
-    """One place of the matrix."""
+    """One place of the matrix; ``failed`` says what about it did."""
 
     python: str
     bound: str
@@ -150,7 +150,9 @@ def attempt(python: str, path: str, bound: str, place: Path) -> Outcome:
     ):
         done = run(command)
         if done.returncode:
-            return outcome(f"not installed: {last_line(done.stderr)}")
+            # pip ends with a hint to look above
+            said = [line for line in done.stderr.splitlines() if line.strip()]
+            return outcome("not installed", failed=said[-8:])
     versions = json.loads(run([own, "-c", INSTALLED, PROJECT, EXTRAS[bound]]).stdout)
     tests = run([own, "-m", "pytest", *SELECTED, "tests"])
     if tests.returncode == 0:

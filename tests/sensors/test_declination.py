@@ -37,6 +37,11 @@ def test_it_is_the_published_models(place: Origin, when: float, expected: float)
     assert declination_deg(place, when) == pytest.approx(expected, abs=0.011)
 
 
+def test_each_metre_of_height_counts() -> None:
+    low, high = (declination_deg(Origin(80.0, 0.0, h), posix(2020)) for h in (0.0, 900.0))
+    assert 0.001 < low - high < 0.01
+
+
 def test_it_drifts_without_a_jump_from_model_to_model() -> None:
     before, after = (
         declination_deg(GIRONA, posix(2025) - 60.0),
