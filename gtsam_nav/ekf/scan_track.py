@@ -106,7 +106,8 @@ class ScanTrack:
         """Pose of scan k by dead reckoning from the pose of the scan before.
 
         With a compass the displacement is aligned with north, but for what is left of the error
-        that it had at the last scan: a scan's pose differs from the compass's by that error. Without one it turns with the pose that it starts from.
+        that it had at the last scan: by that much a scan's pose differs from what it said. Without
+        one the displacement turns with the pose that it starts from.
 
         Returns
         -------
