@@ -15,6 +15,7 @@ from gtsam_nav.frames import (
     quaternion_from_rpy,
     rotation_from_quaternion,
 )
+from gtsam_nav.series import BoolArray
 from gtsam_nav.trajectory import Trajectory
 from gtsam_nav.writers.frame import Frame, express_points, express_rotations
 from gtsam_nav.writers.tables import EXACT, format_rows, read_table, write_table
@@ -258,7 +259,7 @@ def _covariance(rpy: Array, sigmas: Array, sigma_rpy: Array) -> Array:
     return cov
 
 
-def _valid(path: Path, **columns: Array | None) -> Trajectory:
+def _valid(path: Path, **columns: Array | BoolArray | None) -> Trajectory:
     try:
         return Trajectory(**columns)  # type: ignore[arg-type]
     except ValueError as error:
