@@ -58,7 +58,8 @@ def scan_solution(
     innovations = dict(track.reckoned.innovations)
     if used:
         t, nis = np.array([track.t[m.b] for m in used]), np.array([m.nis for m in used])
-        innovations[track.instrument.name] = Innovations(t, nis, 3)
+        whitened = np.array([m.whitened for m in used])
+        innovations[track.instrument.name] = Innovations(t, nis, 3, whitened)
     unmatched = [m for m in matches if m.a == m.b - 1 and not m.accepted]
     warnings = track.warnings
     if not used:
