@@ -166,8 +166,9 @@ def _corrected(track: ScanTrack, ne: Array, turn: Array, cov_planar: Array) -> T
         cov_pose_n=cov,
         keyframe=np.isin(own.t, track.t),
     )
-    # a compass that is off throughout turns everything about the start
-    return with_considered(found, ConsideredErrors.of(track.mission).constant_heading)
+    # a compass that is off throughout turns everything about the start; where scans do not tell
+    # the way along their walls, it is as long as the velocity says
+    return with_considered(found, ConsideredErrors.of(track.mission).constant)
 
 
 def pose_graph(track: ScanTrack, trajectory: Trajectory, used: Sequence[ScanMatch]) -> PoseGraph:
