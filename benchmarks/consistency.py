@@ -9,7 +9,7 @@ whether successive innovations are independent. With ``--out`` the figures are w
 drawn.
 
 A method is held to the model that it claims (``promised``); others are only measured: the scan
-filters take every match for independent of all others, and its stated floor for white noise.
+filters take every match for independent of all others.
 """
 
 from __future__ import annotations
