@@ -22,9 +22,9 @@ import numpy as np
 import gtsam_nav as gn
 from gtsam_nav.frames import rpy_from_quaternion
 
-CITY = "T1_city10000_04.txt"
+CITY, CITY_POSES = "T1_city10000_04.txt", 10_000
 SHORT_POSES = 2000
-"""Of city10000; all of them take minutes."""
+"""So many of city10000 are enough; all of them take minutes."""
 CITY_INFORMATION = "900 0 0 900 0 10000"
 """Of 1/30 m, 1/30 m and 1/100 rad, as in GTSAM's own example."""
 LEAST_SQUARES = ("graph.robust.loops.kernel=none", "graph.robust.velocity.kernel=none")
@@ -34,8 +34,9 @@ def measure(repeats: int, files: Sequence[Path], whole: bool) -> dict[str, Any]:
     """Seconds and chi-squares of each graph."""
     rows = {}
     with tempfile.TemporaryDirectory() as folder:
-        city = Path(folder) / "city10000.g2o"
-        write_city(city, None if whole else SHORT_POSES)
+        poses = CITY_POSES if whole else SHORT_POSES
+        city = Path(folder) / f"city{poses}.g2o"
+        write_city(city, poses)
         for path in (city, *files):
             rows[path.name.partition(".g2o")[0]] = _compare(path, repeats)
     ratios = {
@@ -46,12 +47,12 @@ def measure(repeats: int, files: Sequence[Path], whole: bool) -> dict[str, Any]:
     return {"graphs": rows, "ratios": ratios}
 
 
-def write_city(path: Path, poses: int | None) -> None:
+def write_city(path: Path, poses: int) -> None:
     """The first poses of city10000 as g2o; of an edge with several hypotheses the first."""
     lines = []
     for line in Path(gtsam.findExampleDataFile(CITY)).read_text(encoding="ascii").splitlines():
         _, a, _, b, _, _, x, y, theta, *_ = line.split()
-        if poses is None or max(int(a), int(b)) < poses:
+        if max(int(a), int(b)) < poses:
             lines.append(f"EDGE_SE2 {a} {b} {x} {y} {theta} {CITY_INFORMATION}\n")
     path.write_text("".join(lines), encoding="ascii")
 
