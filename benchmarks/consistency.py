@@ -8,8 +8,9 @@ between 0.5 and 1.5. Beside them: how much of the errors the 1, 2 and 3 sigma ba
 whether successive innovations are independent. With ``--out`` the figures are written as JSON and
 drawn.
 
-A method is held to the model that it claims (``promised``); others are only measured: a filter that
-takes every match for independent of all others is over-confident as published.
+A method is held to the model that it claims (``promised``), and the suite fails where it does not
+hold; others are only measured: a filter that takes every match for independent of all others is
+over-confident as published.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -226,6 +228,10 @@ def main() -> None:
     if arguments.out:
         text = json.dumps(document, indent=2) + "\n"
         (arguments.out / "consistency.json").write_text(text, encoding="utf-8")
+    broken = [row for row in document if row["promised"] and not row["holds"]]
+    for row in broken:
+        print(f"does not hold: {row['case']}: {row['quantity']}")
+    sys.exit(bool(broken))
 
 
 def _print(rows: Sequence[Mapping[str, Any]]) -> None:

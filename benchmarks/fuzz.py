@@ -26,6 +26,7 @@ import warnings
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from math import ceil
 from pathlib import Path
 from random import Random
 
@@ -193,7 +194,7 @@ def main() -> None:
     total = 0
     print(f"{'subject':24}{'cases':>8}{'seconds':>9}  findings")
     for name, subject in chosen.items():
-        count = max(1, round(arguments.cases * subject.share / whole))
+        count = ceil(arguments.cases * subject.share / whole)
         total += count
         begin = time.perf_counter()
         found = list(fuzz(name, arguments.seed, arguments.first, count, arguments.keep))

@@ -25,7 +25,8 @@ REPOSITORY = Path(__file__).parents[1]
 PYTHONS = ("3.11", "3.12", "3.13")
 NEWEST, LOWEST = "newest", "lowest"
 PROJECT = "gtsam-nav"
-EXTRA = "test"
+EXTRAS = {NEWEST: "test,mutation", LOWEST: "test"}
+"""The newest are those of the long checks too."""
 BUILD_TOOLS = {"pip", "setuptools", "wheel"}
 """What an environment brings by itself."""
 SELECTED = ("-q", "-m", "not slow and not realdata", "-p", "no:cacheprovider")
@@ -35,8 +36,8 @@ import json, sys
 from importlib.metadata import PackageNotFoundError, distribution
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
-project, extra = sys.argv[1:]
-found, open_ = {}, [(project, (extra,))]
+project, wanted = sys.argv[1:]
+found, open_ = {}, [(project, wanted.split(","))]
 while open_:
     name, extras = open_.pop()
     try:
@@ -58,13 +59,14 @@ print(json.dumps(found))
 
 @dataclass(frozen=True)
 class Outcome:
-    """One place of the matrix."""
+    """One place of the matrix; ``failed`` says what about it did."""
 
     python: str
     bound: str
     result: str
     seconds: float
     versions: Mapping[str, str]
+    failed: Sequence[str] = ()
 
 
 def lower_bounds(pyproject: Path) -> list[str]:
@@ -76,7 +78,7 @@ def lower_bounds(pyproject: Path) -> list[str]:
         Where one has none.
     """
     project = tomllib.loads(pyproject.read_text(encoding="utf-8"))["project"]
-    requirements = [*project["dependencies"], *project["optional-dependencies"][EXTRA]]
+    requirements = [*project["dependencies"], *project["optional-dependencies"][EXTRAS[LOWEST]]]
     lines = []
     for requirement in requirements:
         needed, _, marker = requirement.partition(";")
@@ -130,9 +132,12 @@ def attempt(python: str, path: str, bound: str, place: Path) -> Outcome:
     environment = place / f"{python}-{bound}"
     own = environment / "bin" / "python"
 
-    def outcome(result: str, versions: Mapping[str, str] | None = None) -> Outcome:
+    def outcome(
+        result: str, versions: Mapping[str, str] | None = None, failed: Sequence[str] = ()
+    ) -> Outcome:
         shutil.rmtree(environment, ignore_errors=True)
-        return Outcome(python, bound, result, time.perf_counter() - begin, versions or {})
+        seconds = time.perf_counter() - begin
+        return Outcome(python, bound, result, seconds, versions or {}, failed)
 
     options: list[str | Path] = []
     if bound == LOWEST:
@@ -141,14 +146,23 @@ def attempt(python: str, path: str, bound: str, place: Path) -> Outcome:
         options = ["--constraint", constraints]
     for command in (
         [path, "-m", "venv", environment],
-        [own, "-m", "pip", "install", "--quiet", *options, f"{REPOSITORY}[{EXTRA}]"],
+        [own, "-m", "pip", "install", "--quiet", *options, f"{REPOSITORY}[{EXTRAS[bound]}]"],
     ):
         done = run(command)
         if done.returncode:
-            return outcome(f"not installed: {last_line(done.stderr)}")
-    versions = json.loads(run([own, "-c", INSTALLED, PROJECT, EXTRA]).stdout)
+            # pip ends with a hint to look above
+            said = [line for line in done.stderr.splitlines() if line.strip()]
+            return outcome("not installed", failed=said[-8:])
+    versions = json.loads(run([own, "-c", INSTALLED, PROJECT, EXTRAS[bound]]).stdout)
     tests = run([own, "-m", "pytest", *SELECTED, "tests"])
-    return outcome(last_line(tests.stdout) if tests.returncode else "passed", versions)
+    if tests.returncode == 0:
+        return outcome("passed", versions)
+    return outcome(last_line(tests.stdout or tests.stderr), versions, failures(tests.stdout))
+
+
+def failures(text: str) -> list[str]:
+    """What pytest's summary says of each test that failed."""
+    return [line for line in text.splitlines() if line.startswith(("FAILED ", "ERROR "))]
 
 
 def last_line(text: str) -> str:
@@ -175,6 +189,8 @@ def main() -> None:
                     continue
                 outcome = attempt(python, path, bound, Path(made))
                 print(f"{python:8}{bound:10}{outcome.seconds:8.0f}  {outcome.result}", flush=True)
+                for line in outcome.failed:
+                    print(f"  {line}", flush=True)
                 outcomes.append(outcome)
     failed = [outcome for outcome in outcomes if outcome.result != "passed"]
     if arguments.pin and not failed:

@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import is_dataclass
 from importlib import import_module
 from pathlib import Path
 
@@ -135,6 +136,15 @@ def test_public_names_stay_what_they_are() -> None:
             import_module(".".join(module.relative_to(ROOT).with_suffix("").parts))
     for name in gtsam_nav.__all__:
         assert callable(getattr(gtsam_nav, name)), name
+
+
+@pytest.mark.parametrize("package", ["sensors", "registration", "sonar", "evaluation"])
+def test_data_of_the_estimation_core_is_frozen(package: str) -> None:
+    for path in sorted((PACKAGE / package).glob("*.py")):
+        module = import_module(".".join(path.relative_to(ROOT).with_suffix("").parts))
+        for name, data in vars(module).items():
+            if isinstance(data, type) and is_dataclass(data):
+                assert data.__dataclass_params__.frozen, f"{module.__name__}.{name}"
 
 
 @pytest.mark.parametrize("module", MODULES, ids=module_id)

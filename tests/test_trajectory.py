@@ -60,6 +60,14 @@ def assert_same(a: Trajectory, b: Trajectory) -> None:
     np.testing.assert_allclose(a.v_n, b.v_n, atol=1e-12)
 
 
+def test_at_no_times_there_is_no_sample() -> None:
+    nowhere = full().interpolate(np.empty(0)).at_lever_arm([1.0, 0.0, 0.0])
+    assert nowhere.p_n.shape == (0, 3)
+    assert nowhere.cov_pose_n is not None
+    assert nowhere.cov_pose_n.shape == (0, 6, 6)
+    assert nowhere.keyframe is None
+
+
 @pytest.mark.parametrize("name", ["p_n", "q_nb_wxyz", "v_n", "cov_pose_n", "sigma_v_n", "keyframe"])
 def test_every_column_has_an_entry_a_sample(name: str) -> None:
     good = full()

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import importlib.abc
 import importlib.util
+import math
 import os
+import resource
 import signal
 import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import Enum
 from importlib.machinery import ModuleSpec, SourceFileLoader
 from multiprocessing import get_context
 from pathlib import Path
@@ -28,6 +31,12 @@ PLAIN_KERNELS = {
 }
 """Kernels that are quick enough as plain Python for their own tests: their mutants need not be
 compiled. Those of others are, each anew."""
+FROZEN = "tests/test_structure.py::test_data_of_the_estimation_core_is_frozen"
+
+BLOCKED_S = 1800.0
+"""Most time that a trial may wait for whatever it is."""
+SPENT = "processor_s"
+"""In a trial's folder: what it took of the processor [s]."""
 
 PYTEST = (
     *("-q", "-x", "-m", "not slow and not realdata"),
@@ -63,8 +72,17 @@ class Mutant:
     diff: str
 
 
+class Fate(Enum):
+    """What became of a mutant."""
+
+    SURVIVED = "survived"
+    FAILED = "failed a test"
+    HUNG = "took too long"
+
+
 def mirroring_tests(path: Path) -> tuple[str, ...]:
-    """Tests that mirror a module, those of its name first: most mutants die there.
+    """Tests that mirror a module, those of its name first: most mutants die there. The last is the
+    house's rule for the data of its package.
 
     Parameters
     ----------
@@ -80,7 +98,7 @@ def mirroring_tests(path: Path) -> tuple[str, ...]:
         return (PLAIN_KERNELS[path.stem],)
     folder = Path("tests", path.parts[1])
     named = sorted(folder.glob(f"test_*{path.stem.strip('_').removesuffix('_kernel')}*.py"))
-    return (*map(str, named), str(folder))
+    return (*map(str, named), str(folder), f"{FROZEN}[{path.parts[1]}]")
 
 
 def baseline_s(tests: Sequence[str]) -> float:
@@ -89,41 +107,48 @@ def baseline_s(tests: Sequence[str]) -> float:
     Returns
     -------
     float
-        How long they take [s].
+        How much processor time they take [s]: a busy machine kills no mutant.
 
     Raises
     ------
     RuntimeError
         If they fail: then they say nothing about mutants.
     """
-    begin = time.perf_counter()
-    if _exit_code(None, tests, None) != 0:
-        raise RuntimeError(f"{' '.join(tests)} fail without a mutant: run pytest on them")
-    return time.perf_counter() - begin
-
-
-def survives(mutant: Mutant, tests: Sequence[str], timeout_s: float) -> bool:
-    """Whether all the tests pass in time with the mutant in place of its module."""
-    return _exit_code(mutant, tests, timeout_s) == 0
-
-
-def _exit_code(mutant: Mutant | None, tests: Sequence[str], timeout_s: float | None) -> int | None:
-    """Of pytest in a process of its own; None where it had to be stopped."""
     with TemporaryDirectory(ignore_cleanup_errors=True) as scratch:
-        process = _CONTEXT.Process(target=_trial, args=(mutant, tests, scratch))
-        process.start()
-        process.join(timeout_s)
-        if process.is_alive():
-            os.killpg(process.pid, signal.SIGKILL)
-            process.join()
-            return None
-        return process.exitcode
+        if _exit_code(None, tests, math.inf, scratch) != 0:
+            raise RuntimeError(f"{' '.join(tests)} fail without a mutant: run pytest on them")
+        return float(Path(scratch, SPENT).read_text())
 
 
-def _trial(mutant: Mutant | None, tests: Sequence[str], scratch: str) -> None:
+def fate(mutant: Mutant, tests: Sequence[str], limit_s: float) -> Fate:
+    """What becomes of a mutant in place of its module, in so much processor time."""
+    with TemporaryDirectory(ignore_cleanup_errors=True) as scratch:
+        code = _exit_code(mutant, tests, limit_s, scratch)
+    if code in (None, -signal.SIGXCPU):
+        return Fate.HUNG
+    return Fate.SURVIVED if code == 0 else Fate.FAILED
+
+
+def _exit_code(
+    mutant: Mutant | None, tests: Sequence[str], limit_s: float, scratch: str
+) -> int | None:
+    """Of pytest in a process of its own; None where it had to be stopped."""
+    process = _CONTEXT.Process(target=_trial, args=(mutant, tests, limit_s, scratch))
+    process.start()
+    process.join(BLOCKED_S)
+    if process.is_alive():
+        os.killpg(process.pid, signal.SIGKILL)
+        process.join()
+        return None
+    return process.exitcode
+
+
+def _trial(mutant: Mutant | None, tests: Sequence[str], limit_s: float, scratch: str) -> None:
     import numba
 
     os.setsid()
+    if math.isfinite(limit_s):
+        resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(limit_s), resource.RLIM_INFINITY))
     silence = os.open(os.devnull, os.O_WRONLY)
     for stream in (sys.stdout, sys.stderr):
         os.dup2(silence, stream.fileno())
@@ -135,8 +160,10 @@ def _trial(mutant: Mutant | None, tests: Sequence[str], scratch: str) -> None:
             # what numba keeps of a kernel goes by its file, which is as it was
             numba.config.CACHE_DIR = scratch
     arguments = [*PYTEST, f"--basetemp={scratch}/pytest", *tests]
+    code = pytest.main(arguments, plugins=[_FirstFailure()])
+    Path(scratch, SPENT).write_text(str(time.process_time()))
     # pytest's own code, whatever the modules left behind do when Python winds down
-    os._exit(pytest.main(arguments, plugins=[_FirstFailure()]))
+    os._exit(code)
 
 
 class _FirstFailure:

@@ -126,8 +126,7 @@ def _once(mission: Mission, config: Config, recorder: Recorder) -> dict[str, flo
 
 
 def _replay(recorder: Recorder, problem: Problem, step: int) -> None:
-    is_stiff = problem.is_stiff or (problem.uses_imu and bool(problem.landmarks))
-    isam = backend._isam2(is_stiff)
+    isam = backend._isam2(problem.is_stiff)
     for k, (graph, values) in enumerate(recorder.updates):
         isam.update(graph, values)
         for j in range(k * step, min((k + 1) * step, len(problem.t))):

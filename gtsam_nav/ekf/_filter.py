@@ -48,6 +48,7 @@ def run(
     x, P, x_new, P_new = np.empty(8), np.empty((8, 8)), np.empty(8), np.empty((8, 8))
     G = np.zeros((4, 8))
     used, refused = np.zeros(len(first), dtype=np.bool_), np.zeros(8, dtype=np.int64)
+    fitted_s = np.full(8, start_s)
     _copy(x_start, P_start, x, P)
     now = start_s
     for j in range(len(event)):
@@ -64,23 +65,33 @@ def run(
         nis[k] = _update(x_new, P_new, first[k], size[k], value[k], variance[k])
         if nis[k] > gate[size[k]] and refused[first[k]] >= PATIENCE:
             _copy(x, P, x_new, P_new)
-            _doubt(x_new, P_new, first[k], size[k], value[k])
+            _doubt(x_new, P_new, G, now - fitted_s[first[k]], first[k], size[k], value[k])
             nis[k] = _update(x_new, P_new, first[k], size[k], value[k], variance[k])
         used[k] = nis[k] <= gate[size[k]]
         refused[first[k]] = 0 if used[k] else refused[first[k]] + 1
         if used[k]:
             x, P, x_new, P_new = x_new, P_new, x, P
+            fitted_s[first[k]] = now
     return x_record, P_record, nis, used
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _doubt(x: Array, P: Array, first: int, size: int, value: Array) -> None:
-    """Widen the measured entries by how far they lie off."""
-    for e in range(size):
-        innovation = value[e] - x[first + e]
-        if first + e == 3:
-            innovation = _wrap(innovation)
-        P[first + e, first + e] += innovation * innovation
+def _doubt(
+    x: Array, P: Array, G: Array, elapsed_s: float, first: int, size: int, value: Array
+) -> None:
+    """Widen the measured entries by how far they lie off, and with them where this has led."""
+    _motion(x, G, elapsed_s / 2)
+    for h in range(first, first + size):
+        off = value[h - first] - x[h]
+        if h == 3:
+            off = _wrap(off)
+        way, whole = np.zeros(8), np.zeros(8)
+        way[:4] = off * G[:, h]
+        whole[:] = way
+        whole[h] += off
+        for i in range(8):
+            for j in range(8):
+                P[i, j] += whole[i] * whole[j] + way[i] * way[j] / 3
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -92,12 +103,18 @@ def _copy(x: Array, P: Array, x_to: Array, P_to: Array) -> None:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _predict(x: Array, P: Array, G: Array, dt: float, accel_variance: Array) -> None:
-    """``P := F P F' + Q`` in place; G takes the first four rows of F less the identity."""
+def _motion(x: Array, G: Array, dt: float) -> None:
+    """Fill G, the first four rows of the transition F over ``dt`` less the identity."""
     c, s = math.cos(x[3]) * dt, math.sin(x[3]) * dt
     G[0, 3], G[0, 4], G[0, 5] = -s * x[4] - c * x[5], c, -s
     G[1, 3], G[1, 4], G[1, 5] = c * x[4] - s * x[5], s, c
     G[2, 6], G[3, 7] = dt, dt
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _predict(x: Array, P: Array, G: Array, dt: float, accel_variance: Array) -> None:
+    """``P := F P F' + Q`` in place, by way of G."""
+    _motion(x, G, dt)
     for i in range(4):
         for j in range(4, 8):
             x[i] += G[i, j] * x[j]

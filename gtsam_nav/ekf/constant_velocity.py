@@ -153,6 +153,7 @@ def run_readable(
     now, x, P = start.t, start.x, start.P
     x_record, P_record = np.empty((len(t), 8)), np.empty((len(t), 8, 8))
     nis, used, refused = np.empty(len(z)), np.zeros(len(z), dtype=bool), np.zeros(8, dtype=int)
+    fitted_s = np.full(8, start.t)
     for then, event in zip(*events(z, t), strict=True):
         x, P = predict(x, P, then - now, accel_variance)
         now = then
@@ -167,26 +168,20 @@ def run_readable(
         value, variance = z.value[k, :size], z.variance[k, :size]
         x_new, P_new, nis[k] = update(x, P, entries, value, variance)
         if nis[k] > gate[size] and refused[z.first[k]] >= PATIENCE:
-            off = np.where(entries == YAW, wrap_angle(value - x[entries]), value - x[entries])
-            doubted = P.copy()
-            doubted[entries, entries] += off**2
+            doubted = doubt(x, P, entries, value, now - fitted_s[z.first[k]])
             x_new, P_new, nis[k] = update(x, doubted, entries, value, variance)
         used[k] = nis[k] <= gate[size]
         refused[z.first[k]] = 0 if used[k] else refused[z.first[k]] + 1
         if used[k]:
             x, P = x_new, P_new
+            fitted_s[z.first[k]] = now
     return Filtered(t, x_record, P_record, nis, used)
 
 
 def predict(x: Array, P: Array, dt: float, accel_variance: Array) -> tuple[Array, Array]:
     """State and covariance after a while; the noise is integrated white acceleration."""
-    c, s = np.cos(x[YAW]), np.sin(x[YAW])
-    u, v = x[4], x[5]
-    B = np.eye(4)
-    B[:2, :2] = [[c, -s], [s, c]]
-    F = np.eye(8)
-    F[:4, 4:] = B * dt
-    F[0, YAW], F[1, YAW] = (-s * u - c * v) * dt, (c * u - s * v) * dt
+    F = transition(x, dt)
+    B = transition(x, 1.0)[:4, 4:]
     x = x.copy()
     x[:4] += B @ x[4:] * dt
     x[YAW] = wrap_angle(x[YAW])
@@ -197,6 +192,30 @@ def predict(x: Array, P: Array, dt: float, accel_variance: Array) -> tuple[Array
     Q[4:, :4] = Q[:4, 4:].T
     Q[4:, 4:] = np.diag(q * dt)
     return x, F @ P @ F.T + Q
+
+
+def transition(x: Array, dt: float) -> Array:
+    """Jacobian (8, 8) of the state after a while in the state before."""
+    c, s = np.cos(x[YAW]), np.sin(x[YAW])
+    u, v = x[4], x[5]
+    F = np.eye(8)
+    F[:4, 4:] = dt * np.eye(4)
+    F[:2, 4:6] = [[c * dt, -s * dt], [s * dt, c * dt]]
+    F[0, YAW], F[1, YAW] = (-s * u - c * v) * dt, (c * u - s * v) * dt
+    return F
+
+
+def doubt(x: Array, P: Array, entries: IntArray, value: Array, elapsed_s: float) -> Array:
+    """Covariance of a state whose entries lie off what is measured, and of where that has led.
+
+    An error that arose at some time since the last reading that fitted, ``elapsed_s`` ago, has led
+    as far as it would in half of that time, with the spread of a time that is anything within.
+    """
+    off = value - x[entries]
+    off = np.where(entries == YAW, wrap_angle(off), off)
+    whole = transition(x, elapsed_s / 2)[:, entries] * off
+    way = whole - np.eye(8)[:, entries] * off
+    return np.asarray(P + whole @ whole.T + way @ way.T / 3)
 
 
 def update(

@@ -2,9 +2,9 @@
 
 Mallios et al., *Scan matching SLAM in underwater environments*, Autonomous Robots 36 (2014),
 section 4.3: the state holds the pose of every scan; each new one is predicted by dead reckoning and
-registered to the one before and to every earlier one nearby. As published, matches that share a
-scan count as independent and the heading's error as new at each scan, neither of which is true:
-the covariance is too small, the more so the more loops there are.
+registered to the one before and to every earlier one nearby. As published, a compass's error is new
+at each scan; here it is what the card says, and lasts: what matches show of it is carried on, and
+the pose of a scan is that of all its beams, whose headings differ a little from that of its time.
 """
 
 from __future__ import annotations

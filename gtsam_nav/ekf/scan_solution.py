@@ -150,6 +150,7 @@ def _corrected(track: ScanTrack, ne: Array, turn: Array, cov_planar: Array) -> T
     cov[:, planar] = 0.0
     cov[:, :, planar] = 0.0
     cov[:, planar[:, None], planar] = cov_planar
+    cov[:, 5, 5] += track.frame_yaw_variance
     yaw = np.column_stack([np.zeros((len(turn), 2)), turn])
     v_n = np.einsum("nij,nj->ni", rotation_from_rpy(yaw), own.v_n)
     # a yaw that is wrong turns the velocity

@@ -11,14 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from gtsam_nav.config import Config
+from gtsam_nav.ekf.compass_drift import CompassDrift
 from gtsam_nav.ekf.compounding import compound, tail_to_tail
 from gtsam_nav.ekf.constant_velocity import YAW, Filtered
 from gtsam_nav.ekf.dead_reckoning import DeadReckoned, dead_reckon
 from gtsam_nav.errors import DataError
-from gtsam_nav.frames import Array
+from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.preprocess.alignment import Alignment, align
-from gtsam_nav.sensors.noise import HeadingNoise
 from gtsam_nav.series import IntArray
 from gtsam_nav.sonar.motion import PlanarMotion
 from gtsam_nav.sonar.preparation import (
@@ -27,6 +27,7 @@ from gtsam_nav.sonar.preparation import (
     leave_out_defective_sonar,
     sonar_turns,
 )
+from gtsam_nav.sonar.scans import planar_rotations
 
 PLANAR = np.array([0, 1, YAW])
 """North, east and yaw in the state of the dead-reckoning filter."""
@@ -49,9 +50,13 @@ class ScanTrack:
     complete_s : ndarray, shape (n,)
         When the last beam of each scan came in.
     displacement_cov : ndarray, shape (r, 3, 3)
-        Of north, east and yaw at each record since the scan before it (the start, before the
-        first); the yaw is absolute where there is a compass.
-    has_compass : bool
+        Of north, east and yaw at each record since the scan before it; before the first, of the
+        pose itself. What a compass measures anew at each time counts in full.
+    drift : CompassDrift or None
+        None without a compass.
+    frame_yaw_variance : float
+        How far the heading at a scan's reference time may be off that of its beams on the whole,
+        which is the scan's own: the compass drifts, and its white noise cancels out; rad^2.
     min_points : int
         A scan with fewer is not registered.
     rejections, warnings : tuple
@@ -65,7 +70,8 @@ class ScanTrack:
     record: IntArray
     complete_s: Array
     displacement_cov: Array
-    has_compass: bool
+    drift: CompassDrift | None
+    frame_yaw_variance: float
     min_points: int
     rejections: tuple[Rejection, ...]
     warnings: tuple[str, ...]
@@ -99,8 +105,9 @@ class ScanTrack:
     def predict(self, k: int, last: Array) -> tuple[Array, Array, Array]:
         """Pose of scan k by dead reckoning from the pose of the scan before.
 
-        With a compass the displacement is aligned with north: x and y add, the yaw is the
-        compass's. Without one it turns with the pose that it starts from.
+        With a compass the displacement is aligned with north, but for what is left of the error
+        that it had at the last scan: by that much a scan's pose differs from what it said. Without
+        one the displacement turns with the pose that it starts from.
 
         Returns
         -------
@@ -109,22 +116,31 @@ class ScanTrack:
             Its Jacobian in the last pose.
         cov_added : ndarray, shape (3, 3)
         """
-        before, here, cov = self.pose(k - 1), self.pose(k), self.cov_since_last(k)
-        if self.has_compass:
-            pose = np.append(last[:2] + here[:2] - before[:2], here[2])
-            return pose, np.diag([1.0, 1.0, 0.0]), cov
-        q, _, J_here = tail_to_tail(before, here)
-        pose, J_last, J_q = compound(last, q)
-        J = J_q @ J_here
-        return pose, J_last, J @ cov @ J.T
+        before, here = self.pose(k - 1), self.pose(k)
+        if self.drift is None:
+            q, _, J_here = tail_to_tail(before, here)
+            pose, J_last, J_q = compound(last, q)
+            J = J_q @ J_here
+            return pose, J_last, J @ self.cov_since_last(k) @ J.T
+        elapsed_s = self.t[k] - self.t[k - 1]
+        kept = self.drift.kept(elapsed_s)
+        on_the_way, here_off = kept * wrap_angle(last[2] - before[2])
+        way = planar_rotations(on_the_way) @ (here[:2] - before[:2])
+        pose = np.append(last[:2] + way, wrap_angle(here[2] + here_off))
+        turning = _turning(way)
+        J_last = np.diag([1.0, 1.0, 0.0])
+        J_last[:, 2] += turning @ kept
+        cov = turning @ self.drift.gained(elapsed_s) @ turning.T
+        cov[:2, :2] += self.filtered.P[self.record[k], :2, :2]
+        return pose, J_last, cov
 
     def displacement(self, k: int) -> tuple[Array, Array]:
         """Dead-reckoned pose of scan k in the scan before (3,), and its covariance (3, 3)."""
         q, J_before, J_here = tail_to_tail(self.pose(k - 1), self.pose(k))
         cov = J_here @ self.cov_since_last(k) @ J_here.T
-        if self.has_compass:
-            yaw_variance = self.cov_since_last(k - 1)[2, 2]
-            cov += yaw_variance * np.outer(J_before[:, 2], J_before[:, 2])
+        if self.drift is not None:
+            white = self.filtered.P[self.record[k - 1], YAW, YAW]
+            cov += white * np.outer(J_before[:, 2], J_before[:, 2])
         return q, cov
 
 
@@ -147,20 +163,23 @@ def follow_scans(mission: Mission, config: Config) -> ScanTrack:
             f"mission '{mission.name}': scan matching needs a turn of a scanning sonar (beams)"
             f" or scans; the mission has: {', '.join(sorted(mission.sensors))}{why}"
         )
-    has_compass = mission.first("heading") is not None
-    restarted = (0, 1) if has_compass else (0, 1, YAW)
+    drift = CompassDrift.of(mission)
+    restarted = (0, 1) if drift is not None else (0, 1, YAW)
     reckoned = dead_reckon(mission, start, config, turns.t_ref, restarted)
     record = np.searchsorted(reckoned.filtered.t, turns.t_ref)
-    motion = _planar_motion(reckoned.filtered, record, has_compass)
+    motion = _planar_motion(reckoned.filtered, record, drift is not None)
+    beam_s = _sonar_of(mission).series.t
+    span_s = float(np.median(beam_s[turns.last - 1] - beam_s[turns.first]))
     return ScanTrack(
         mission=mission,
         start=start,
         reckoned=reckoned,
         sonar=deskewed(echoes, turns, motion),
         record=record,
-        complete_s=_sonar_of(mission).series.t[turns.last - 1],
-        displacement_cov=_displacement_cov(reckoned.filtered, record, mission),
-        has_compass=has_compass,
+        complete_s=beam_s[turns.last - 1],
+        displacement_cov=_displacement_cov(reckoned.filtered, record, drift),
+        drift=drift,
+        frame_yaw_variance=_frame_yaw_variance(reckoned.filtered, record, drift, span_s),
         min_points=config.sonar.scans.min_points,
         rejections=(*mission.rejections, *left_out, *reckoned.rejections),
         warnings=(*mission.warnings, *warnings),
@@ -185,15 +204,34 @@ def _planar_motion(filtered: Filtered, record: IntArray, has_compass: bool) -> P
     return PlanarMotion(filtered.t, filtered.x[:, :2], track, position_growth, yaw_growth)
 
 
-def _displacement_cov(filtered: Filtered, record: IntArray, mission: Mission) -> Array:
-    """North, east and yaw since the last scan; a compass's error turns the displacement with it."""
+def _frame_yaw_variance(
+    filtered: Filtered, record: IntArray, drift: CompassDrift | None, span_s: float
+) -> float:
+    if drift is None:
+        return 0.0
+    return drift.middle_variance(span_s) + float(np.median(filtered.P[record, YAW, YAW]))
+
+
+def _displacement_cov(filtered: Filtered, record: IntArray, drift: CompassDrift | None) -> Array:
+    """North, east and yaw since the last scan; a compass's drift turns the displacement with it."""
     cov = filtered.P[:, PLANAR[:, None], PLANAR]
-    compass = mission.first("heading")
-    if compass is None:
+    if drift is None:
         return cov
-    sigma = np.radians(HeadingNoise.model_validate(compass.noise).disturbance_sigma_deg)
     since = np.searchsorted(record, np.arange(len(cov)))
     origin = np.append(0, record)[since]
-    north, east = (filtered.x[:, :2] - filtered.x[origin, :2]).T
-    turning = np.stack([-east, north, np.ones(len(cov))], axis=1)
-    return np.asarray(cov + sigma**2 * np.einsum("ri,rj->rij", turning, turning))
+    turning = _turning(filtered.x[:, :2] - filtered.x[origin, :2])
+    elapsed_s = filtered.t - filtered.t[origin]
+    drifted = drift.change(elapsed_s)
+    first = since == 0
+    drifted[first] = drift.whole(elapsed_s[first])
+    return np.asarray(cov + turning @ drifted @ np.swapaxes(turning, 1, 2))
+
+
+def _turning(way: Array) -> Array:
+    """How north, east and yaw change, on ways (..., 2), with a compass's mean and last error.
+
+    Shape (..., 3, 2).
+    """
+    J = np.zeros((*way.shape[:-1], 3, 2))
+    J[..., 0, 0], J[..., 1, 0], J[..., 2, 1] = -way[..., 1], way[..., 0], 1.0
+    return J

@@ -64,7 +64,7 @@ def horizontal_nees(matched: Matched) -> Array | None:
     Samples whose covariance is singular (a start that was declared perfect) are left out; None
     where the estimate has no covariance.
     """
-    if matched.estimate.cov_pose_n is None:
+    if matched.cov_ne is None:
         return None
     error = (matched.estimate.p_n - matched.reference.p_n)[:, :2]
     cov = total_covariance_ne(matched)
@@ -76,8 +76,7 @@ def horizontal_nees(matched: Matched) -> Array | None:
 
 def total_covariance_ne(matched: Matched) -> Array:
     """Covariance of estimate minus reference on (n, e), shape (m, 2, 2), m^2."""
-    assert matched.estimate.cov_pose_n is not None
-    cov = matched.estimate.cov_pose_n[:, :2, :2]
+    assert matched.cov_ne is not None
     if matched.reference.sigma is None:
-        return cov
-    return np.asarray(cov + np.eye(2) * (matched.reference.sigma**2)[:, None, None])
+        return matched.cov_ne
+    return np.asarray(matched.cov_ne + np.eye(2) * (matched.reference.sigma**2)[:, None, None])

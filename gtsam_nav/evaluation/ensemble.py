@@ -104,7 +104,7 @@ def normalised_errors(trajectory: Trajectory, truth: Sensor, t: Array) -> Normal
     assert matched.reference.rpy is not None
     estimate = matched.estimate
     position = horizontal_nees(matched)
-    sigma_rpy = estimate.sigma_rpy
+    sigma_rpy = trajectory.interpolate(matched.t).sigma_rpy
     assert position is not None
     assert sigma_rpy is not None
     if len(position) < len(matched.t):

@@ -77,7 +77,7 @@ def error_history(solution: Solution) -> ErrorHistory | None:
     if matched is None or aligned is None:
         return None
     sigma = None
-    if matched.estimate.cov_pose_n is not None and solution.georeferenced:
+    if matched.cov_ne is not None and solution.georeferenced:
         cov = total_covariance_ne(matched)
         sigma = np.sqrt(np.column_stack([cov[:, 0, 0], cov[:, 1, 1], cov[:, 0, 0] + cov[:, 1, 1]]))
     error = np.column_stack([aligned.error_n[:, :2], aligned.horizontal_m])

@@ -11,6 +11,9 @@ from gtsam_nav.frames import Array
 from gtsam_nav.series import ReferenceSeries
 from gtsam_nav.trajectory import MAX_GAP_S, Trajectory
 
+SAMPLES_AT_ONCE = 20_000
+"""Of the reference, each with a whole covariance: of a long one all of them take gigabytes."""
+
 
 @dataclass(frozen=True)
 class Matched:
@@ -19,7 +22,9 @@ class Matched:
     Attributes
     ----------
     estimate : Trajectory
-        Interpolated at the reference's times.
+        Interpolated at the reference's times, without covariance.
+    cov_ne : ndarray, shape (m, 2, 2), or None
+        Covariance of the estimate's north and east, where it has one.
     reference : ReferenceSeries
         The samples that the estimate covers. Where the vertical is not usable the estimate's own
         stands in for it, so that nothing is learnt from it.
@@ -28,6 +33,7 @@ class Matched:
     """
 
     estimate: Trajectory
+    cov_ne: Array | None
     reference: ReferenceSeries
     coverage: float
 
@@ -71,11 +77,27 @@ def match(
     held = float(np.sum(steps[covered[1:] & covered[:-1]]))
     coverage = held / whole if whole else float(covered[0])
     scored = reference.select(covered)
-    estimate = trajectory.interpolate(scored.t, MAX_GAP_S).at_lever_arm(lever_b)
+    estimate, cov_ne = _antenna_at(trajectory, scored.t, lever_b)
     if not scored.vertical_usable:
         p_n = np.column_stack([scored.p_n[:, :2], estimate.p_n[:, 2]])
         scored = replace(scored, p_n=p_n)
-    return Matched(estimate, scored, coverage)
+    return Matched(estimate, cov_ne, scored, coverage)
+
+
+def _antenna_at(
+    trajectory: Trajectory, t: Array, lever_b: ArrayLike
+) -> tuple[Trajectory, Array | None]:
+    """Poses of an antenna at given times, and the covariance of their north and east."""
+    p_n, q_nb_wxyz, cov_ne = [], [], []
+    for first in range(0, max(len(t), 1), SAMPLES_AT_ONCE):
+        some = trajectory.interpolate(t[first : first + SAMPLES_AT_ONCE], MAX_GAP_S)
+        antenna = some.at_lever_arm(lever_b)
+        p_n.append(antenna.p_n)
+        q_nb_wxyz.append(antenna.q_nb_wxyz)
+        if antenna.cov_pose_n is not None:
+            cov_ne.append(antenna.cov_pose_n[:, :2, :2].copy())
+    whole = Trajectory(t=t, p_n=np.concatenate(p_n), q_nb_wxyz=np.concatenate(q_nb_wxyz))
+    return whole, np.concatenate(cov_ne) if cov_ne else None
 
 
 def distance_m(reference: ReferenceSeries) -> Array:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any
+import logging
+from collections.abc import Callable, Iterable
+from typing import Any, TypeVar
 
 import gtsam
 import numpy as np
@@ -17,10 +18,17 @@ from gtsam_nav.graph.problem import Problem, Reading, SensorFactor
 from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.graph.scan_matching import PlanarPose
 
+log = logging.getLogger(__name__)
+
+T = TypeVar("T")
+
 RELINEARIZE_TURN_RAD, RELINEARIZE_MOVE = 0.05, 0.5
 """iSAM2 linearises a state anew once it has turned so far, or moved (m, m/s): residuals bend with
 turns, and are all but straight in positions."""
 RELINEARIZE_BIAS = 0.05
+MOST_FRESH_STARTS = 10
+"""Cholesky may find a system indeterminate that it solves in another order of elimination; each
+fresh start takes as long as the mission is by then."""
 DOUBTED = Robustness(kernel="cauchy")
 """Of readings that may be outliers: while they come in, none is judged for good."""
 
@@ -51,8 +59,8 @@ class Backend:
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
-        # a first sighting ties a landmark to the vehicle alone
-        self._isam = _isam2(problem.is_stiff or (problem.uses_imu and bool(problem.landmarks)))
+        self._by_qr, self._fresh_starts = problem.is_stiff, 0
+        self._isam = _isam2(self._by_qr)
         self._new_factors = gtsam.NonlinearFactorGraph()
         self._new_values = gtsam.Values()
         self._last_state: Any = None
@@ -95,9 +103,34 @@ class Backend:
         try:
             self._isam.update(self._new_factors, self._new_values)
         except RuntimeError as error:
-            raise EstimationError(f"iSAM2 failed: {_first_lines(error)}") from error
+            self._begin_anew(error)
         self._new_factors = gtsam.NonlinearFactorGraph()
         self._new_values = gtsam.Values()
+
+    def _begin_anew(self, failure: RuntimeError) -> None:
+        """Solve all that iSAM2 was given, the update it failed at included, in the order that suits
+        it now; by QR from here on where that fails too, or was done too often."""
+        failed, self._fresh_starts = self._isam, self._fresh_starts + 1
+        for by_qr in (False, True) if self._fresh_starts <= MOST_FRESH_STARTS else (True,):
+            if self._by_qr:
+                break
+            log.info("iSAM2 begins anew%s: %s", " by QR" * by_qr, _first_lines(failure))
+            self._isam, self._by_qr = _isam2(by_qr), by_qr
+            try:
+                self._isam.update(failed.getFactorsUnsafe(), failed.getLinearizationPoint())
+            except RuntimeError as error:
+                failure = error
+            else:
+                return
+        raise EstimationError(f"iSAM2 failed: {_first_lines(failure)}") from failure
+
+    def _asked(self, question: Callable[[Any], T]) -> T:
+        """iSAM2's answer, after a fresh start where it has none."""
+        try:
+            return question(self._isam)
+        except RuntimeError as error:
+            self._begin_anew(error)
+            return self._asked(question)
 
     def state(self, k: int) -> Any:
         """Current estimate of keyframe k, from which the next one is predicted."""
@@ -112,11 +145,12 @@ class Backend:
 
     def covariance(self, k: int) -> Array:
         """Marginal covariance (9, 9) of keyframe k in its tangent space."""
-        return np.asarray(self._isam.marginalCovariance(X(k)))
+        return np.asarray(self._asked(lambda isam: isam.marginalCovariance(X(k))))
 
     def joint_planar_covariances(self, earlier: list[int], b: int) -> list[Array]:
         """Covariances (6, 6) of (dn, de, dyaw) of each of some keyframes and of keyframe b."""
-        marginal = self._isam.jointMarginalCovariance([X(k) for k in (*earlier, b)])
+        keys = [X(k) for k in (*earlier, b)]
+        marginal = self._asked(lambda isam: isam.jointMarginalCovariance(keys))
         S = {
             k: planar_rows(self._isam.calculateEstimateNavState(X(k)).attitude().matrix())
             for k in (*earlier, b)

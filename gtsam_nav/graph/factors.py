@@ -145,10 +145,17 @@ def gnss(key: int, p_n: Array, lever_b: Array, sigma: Array) -> Any:
     return gtsam.GPSFactor2Arm(key, p_n, lever_b, precisions(1 / np.asarray(sigma) ** 2))
 
 
-def gnss_with_error(error: int, key: int, p_n: Array, sigma: Array) -> Any:
-    """Body position by GNSS with a shared error: ``p_n - error_n - measured``."""
-    noise = precisions([0, 0, 0, *(1 / np.asarray(sigma) ** 2), 0, 0, 0])
-    measured = nav_state(np.eye(3), p_n, np.zeros(3))
+def position_noise(sigma: Array) -> Any:
+    """Noise of a NavState of which only the position is measured."""
+    return precisions([0, 0, 0, *(1 / np.asarray(sigma) ** 2), 0, 0, 0])
+
+
+def gnss_with_error(error: int, key: int, p_n: Array, noise: Any) -> Any:
+    """Body position by GNSS with a shared error: ``p_n - error_n - measured``.
+
+    The noise is `position_noise`: fixes are made anew many times.
+    """
+    measured = gtsam.NavState(gtsam.Rot3(), p_n, np.zeros(3))
     return gtsam.BetweenFactorNavState(error, key, measured, noise)
 
 

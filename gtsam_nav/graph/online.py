@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from gtsam_nav.config import Config
 from gtsam_nav.frames import Array
@@ -18,6 +19,7 @@ from gtsam_nav.graph.problem import Problem, SensorFactor
 from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.graph.scan_matching import (
     LOOP,
+    PRIOR_FLOOR,
     SCAN_MATCH,
     PlanarPose,
     ScanMatch,
@@ -138,7 +140,7 @@ def _match_scan(
         t_scans = np.array([scan.t_ref for scan in scans[: new + 1]])
         candidates = loop_candidates(new, poses, t_scans, config.graph.loops)
         candidates = [old for old in candidates if len(scans[old]) >= least]
-        priors = _relative_poses(done.backend, candidates, new, scan_keyframe, poses[new])
+        priors = _relative_poses(done.backend, candidates, new, scan_keyframe, poses)
         tried += [(scans[old], old, q, True) for old, q in zip(candidates, priors, strict=True)]
     for reference, old, prior, is_loop in tried:
         pair = {old: reference, new: scans[new]}
@@ -152,15 +154,27 @@ def _searches(new: int, n_scans: int, most: int) -> bool:
 
 
 def _relative_poses(
-    backend: Backend, earlier: list[int], new: int, scan_keyframe: IntArray, pose: PlanarPose
+    backend: Backend, earlier: list[int], new: int, scan_keyframe: IntArray, poses: list[PlanarPose]
 ) -> list[PlanarPose]:
-    """Estimated poses of a new scan in earlier ones."""
+    """Estimated poses of a new scan in earlier ones.
+
+    What their errors share narrows the search, but never below what a registration looks around
+    itself anyway: where they are known so well apart, it is not asked for. It costs in proportion
+    to the mission's length.
+    """
     if not earlier:
         return []
     keyframes = [int(scan_keyframe[old]) for old in earlier]
+    apart = [block_diag(poses[old].cov, poses[new].cov) for old in earlier]
+    unshared = [
+        relative_pose(planar_pose(backend.peek(a), np.eye(9)), poses[new], cov)
+        for a, cov in zip(keyframes, apart, strict=True)
+    ]
+    if all(np.all(np.diagonal(q.cov) <= PRIOR_FLOOR**2) for q in unshared):
+        return unshared
     joint = backend.joint_planar_covariances(keyframes, int(scan_keyframe[new]))
     return [
-        relative_pose(planar_pose(backend.peek(a), np.eye(9)), pose, cov)
+        relative_pose(planar_pose(backend.peek(a), np.eye(9)), poses[new], cov)
         for a, cov in zip(keyframes, joint, strict=True)
     ]
 

@@ -21,8 +21,8 @@ from gtsam_nav.series import IntArray
 
 CALIBRATION = ("scale", "misalignment_rad")
 """The constant errors of the sensor of the velocity."""
-COLUMNS_AT_ONCE = 300
-"""Of a covariance: all of them take the memory of the mission's length squared."""
+ENTRIES_AT_ONCE = 4_000_000
+"""Of a covariance's columns: all of them take the memory of the mission's length squared."""
 
 
 @dataclass(frozen=True)
@@ -182,8 +182,9 @@ def sensor_posterior(
     spread = np.asarray(U @ np.linalg.cholesky(constants.cov))
     selection = _planar_selection(system, keyframes)
     planar_cov = np.empty((selection.shape[1],) * 2)
-    for first in range(0, selection.shape[1], COLUMNS_AT_ONCE):
-        some = slice(first, first + COLUMNS_AT_ONCE)
+    at_once = max(1, ENTRIES_AT_ONCE // len(system.g))
+    for first in range(0, selection.shape[1], at_once):
+        some = slice(first, first + at_once)
         planar_cov[:, some] = selection.T @ factor.solve(selection[:, some].toarray())
     planar_spread = selection.T @ spread
     planar_cov += planar_spread @ planar_spread.T

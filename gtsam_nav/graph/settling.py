@@ -108,7 +108,7 @@ def settle(
     while changed and rounds < MAX_ROUNDS:
         estimate = batch.solved(estimate, used)
         squared = batch.judged(estimate, batch.weights(estimate, used))
-        verdict = ~batch.gated | (squared <= batch.limit)
+        verdict = ~batch.gated | (squared <= batch.limits(estimate))
         changed, used = bool(np.any(verdict != used)), verdict
         rounds += 1
         log.info("round %d: %d of %d readings rejected", rounds, np.sum(~used), len(used))
@@ -132,14 +132,19 @@ class _Estimate:
     made: list[Any]
 
     @cached_property
+    def _residuals(self) -> list[Array]:
+        """Whitened, of each reading."""
+        return [factor.whitenedError(self.values) for factor in self.made]
+
+    @property
     def errors(self) -> Array:
         """Whitened residuals of the readings, one after the other."""
-        return np.concatenate([np.empty(0), *(f.whitenedError(self.values) for f in self.made)])
+        return np.concatenate([np.empty(0), *self._residuals])
 
     @cached_property
     def squared(self) -> Array:
         """Squared whitened residuals of the readings."""
-        return np.array([float(np.sum(f.whitenedError(self.values) ** 2)) for f in self.made])
+        return np.array([float(e @ e) for e in self._residuals])
 
 
 @dataclass(frozen=True)
@@ -167,7 +172,8 @@ class _Batch:
         cuts = np.array([r.robustness.kernel in CUTTING for r in self.readings], dtype=bool)
         self.doubted = self.gated | cuts
         self.cuts = bool(np.any(cuts)) or any(e.robustness.kernel in CUTTING for e in entries)
-        self.limit = np.full(len(self.readings), np.inf)
+        self._limits: Array | None = None
+        self.weighs = np.array([r.robustness.kernel != "none" for r in self.readings], dtype=bool)
 
     def at(self, values: Any) -> _Estimate:
         """The readings made anew at given values."""
@@ -187,9 +193,12 @@ class _Batch:
         self, estimate: _Estimate, used: BoolArray, doubted: Robustness | None = None
     ) -> Array:
         """Weight of each reading in such a solution: zero for what is not used."""
-        norms = np.sqrt(estimate.squared).tolist()
-        weights = [factors.weight(self._robustness(i, doubted), e) for i, e in enumerate(norms)]
-        return np.asarray(used * np.array(weights))
+        norms = np.sqrt(estimate.squared)
+        weights = np.ones(len(self.readings))
+        differ = self.weighs if doubted is None else self.weighs | self.doubted
+        for i in np.flatnonzero(differ & used).tolist():
+            weights[i] = factors.weight(self._robustness(i, doubted), float(norms[i]))
+        return np.asarray(used * weights)
 
     def _robustness(self, i: int, doubted: Robustness | None) -> Robustness:
         return doubted if doubted is not None and self.doubted[i] else self.readings[i].robustness
@@ -202,8 +211,7 @@ class _Batch:
 
     def pass_alone(self, estimate: _Estimate) -> BoolArray:
         """Which readings pass their gates by their residuals alone, or have none."""
-        self._gated_rows(estimate)
-        return np.asarray(~self.gated | (estimate.squared <= self.limit))
+        return np.asarray(~self.gated | (estimate.squared <= self.limits(estimate)))
 
     def explained(self, estimate: _Estimate) -> bool:
         """Whether an estimate, found under kernels, leaves but few readings beyond their gates.
@@ -232,7 +240,9 @@ class _Batch:
             if scale == START.scale:
                 break
         weight = self.weights(estimate, everything, START)
-        return estimate, ~self.gated | (self.judged(estimate, weight, START) <= self.limit)
+        return estimate, ~self.gated | (
+            self.judged(estimate, weight, START) <= self.limits(estimate)
+        )
 
     def solved(self, estimate: _Estimate, used: BoolArray) -> _Estimate:
         """Solve with Gaussian readings, made anew until that moves nothing any more."""
@@ -257,38 +267,41 @@ class _Batch:
     def judged(
         self, estimate: _Estimate, weight: Array, doubted: Robustness | None = None
     ) -> Array:
-        """Squared normalised residual of each gated reading by all others; fills in the limits.
+        """Squared normalised residual of each gated reading by all others.
 
         Where the residual alone decides, the prediction's covariance is not computed: it can only
         raise that of a reading in use, and lower that of another.
         """
-        rows = self._gated_rows(estimate)
-        squared = np.zeros(len(self.readings))
-        squared[list(rows)] = [float(own.b @ own.b) for own in rows.values()]
-        examined = squared > np.where(weight > 0.0, CLEAR_SHARE, 1.0) * self.limit
-        groups = sorted({rows[i].keys for i in np.flatnonzero(examined).tolist()})
+        squared = np.where(self.gated, estimate.squared, 0.0)
+        examined = squared > np.where(weight > 0.0, CLEAR_SHARE, 1.0) * self.limits(estimate)
+        rows = {i: _rows(estimate, i) for i in np.flatnonzero(examined).tolist()}
+        groups = sorted({own.keys for own in rows.values()})
         whole = gtsam.NonlinearFactorGraph(self.graph)
         whole.push_back(self.factors(estimate, weight > 0, doubted))
         found = joint_covariances(whole, estimate.values, groups, self.problem.is_stiff)
         covariance = dict(zip(groups, found, strict=True))
-        for i in np.flatnonzero(examined).tolist():
-            own = rows[i]
+        for i, own in rows.items():
             M = own.A @ covariance[own.keys] @ own.A.T
             squared[i] = _by_all_others(own.b, M, float(weight[i]))
         return squared
 
-    def _gated_rows(self, estimate: _Estimate) -> dict[int, _Rows]:
-        """What each gated reading tells; fills in the limits."""
-        rows = {}
-        for i in np.flatnonzero(self.gated).tolist():
-            linear = estimate.made[i].linearize(estimate.values)
-            A, b = linear.jacobian()
-            tells = np.any(A != 0.0, axis=1)
-            rows[i] = _Rows(tuple(linear.keys()), A[tells], b[tells])
-            probability = self.readings[i].robustness.gate_probability
-            assert probability is not None
-            self.limit[i] = chi2_limit(probability, int(np.sum(tells)))
-        return rows
+    def limits(self, estimate: _Estimate) -> Array:
+        """Of the squared normalised residual of each gated reading; infinite for others."""
+        if self._limits is None:
+            self._limits = np.full(len(self.readings), np.inf)
+            for i in np.flatnonzero(self.gated).tolist():
+                probability = self.readings[i].robustness.gate_probability
+                assert probability is not None
+                self._limits[i] = chi2_limit(probability, len(_rows(estimate, i).b))
+        return self._limits
+
+
+def _rows(estimate: _Estimate, i: int) -> _Rows:
+    """What a reading tells."""
+    linear = estimate.made[i].linearize(estimate.values)
+    A, b = linear.jacobian()
+    tells = np.any(A != 0.0, axis=1)
+    return _Rows(tuple(linear.keys()), A[tells], b[tells])
 
 
 def _by_all_others(e: Array, M: Array, weight: float) -> float:

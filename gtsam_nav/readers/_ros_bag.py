@@ -118,6 +118,9 @@ class Bag:
     def __init__(self, reader: AnyReader, paths: tuple[Path, ...]) -> None:
         self.paths = paths
         self._reader = reader
+        for time_ns in (reader.start_time, reader.duration):
+            if abs(time_ns) >= 2**63:  # ROS counts in 64 bits; a damaged metadata.yaml need not
+                raise ValueError("its start or duration is no time")
         self.topics = {topic.name: topic for topic in self._topics()}
         self.zero_s = reader.start_time // 10**9 if reader.message_count else 0
         self.duration_s = reader.duration * 1e-9 if reader.message_count else 0.0

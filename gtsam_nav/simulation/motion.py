@@ -30,6 +30,10 @@ class MotionSettings(Settings):
         Mean period of the waves.
     sheltered_rest : bool
         The place of rest is calm: the waves come with the speed.
+    wander_accel_m_s2, wander_vertical_accel_m_s2, wander_yaw_accel_rad_s2 : float
+        Densities of the white acceleration, per square root of Hz, by which the level velocity, the
+        vertical one and the yaw rate wander, within `WANDER_RAD_S` and `WANDER_YAW_RAD_S`: what
+        motion models take for granted. Zero is a vehicle on rails.
     """
 
     speed_m_s: float = Field(default=0.8, gt=0)
@@ -44,6 +48,15 @@ class MotionSettings(Settings):
     heave_m: float = Field(default=0.03, ge=0)
     wave_period_s: float = Field(default=4.5, gt=0)
     sheltered_rest: bool = False
+    wander_accel_m_s2: float = Field(default=0.0, ge=0)
+    wander_vertical_accel_m_s2: float = Field(default=0.0, ge=0)
+    wander_yaw_accel_rad_s2: float = Field(default=0.0, ge=0)
+
+
+WANDER_RAD_S, WANDER_YAW_RAD_S = (0.3, 30.0), (2.0, 30.0)
+"""Frequencies between which a wandering vehicle's accelerations are white: slower ones would take
+it off its course, faster ones no sensor follows."""
+WANDER_TONES = 24
 
 
 @dataclass(frozen=True)
@@ -85,7 +98,7 @@ def to_body(R_nb: Array, vectors_n: Array) -> Array:
 
 @dataclass(frozen=True)
 class Waves:
-    """Three sinusoids for each of roll, pitch, yaw and heave: arrays of shape (4, 3)."""
+    """Sinusoids for each of four quantities: arrays of shape (4, k)."""
 
     amplitude: Array
     omega: Array
@@ -102,7 +115,7 @@ class Waves:
 
 
 def draw_waves(settings: MotionSettings, rng: np.random.Generator) -> Waves:
-    """Waves of the wanted strength with random phases and periods around the mean."""
+    """Of roll, pitch, yaw and heave, with random phases and periods around the mean."""
     sigma = np.array(
         [*np.radians([settings.roll_deg, settings.pitch_deg, settings.yaw_deg]), settings.heave_m]
     )
@@ -113,6 +126,19 @@ def draw_waves(settings: MotionSettings, rng: np.random.Generator) -> Waves:
         omega=2 * np.pi / period,
         phase=rng.uniform(0, 2 * np.pi, size=(4, 3)),
     )
+
+
+def draw_wander(settings: MotionSettings, rng: np.random.Generator) -> Waves:
+    """Of north, east, down and yaw: bands of white acceleration, a sinusoid for each."""
+    level, down = settings.wander_accel_m_s2, settings.wander_vertical_accel_m_s2
+    density = np.array([level, level, down, settings.wander_yaw_accel_rad_s2])
+    slowest, fastest = np.array([WANDER_RAD_S] * 3 + [WANDER_YAW_RAD_S]).T
+    edges = np.geomspace(slowest, fastest, WANDER_TONES + 1, axis=1)
+    width = np.diff(edges)
+    omega = edges[:, :-1] + width * rng.uniform(size=(4, WANDER_TONES))
+    # the variance of a white acceleration within a band is density^2 times its width over pi
+    amplitude = density[:, None] * np.sqrt(2 * width / np.pi) / omega**2
+    return Waves(amplitude, omega, rng.uniform(0, 2 * np.pi, size=(4, WANDER_TONES)))
 
 
 class Motion:
@@ -131,6 +157,7 @@ class Motion:
         self.closed = closed
         self._path = make_interp_spline(way, corners, k=5, bc_type="periodic" if closed else None)
         self._waves = draw_waves(settings, rng)
+        self._wander = draw_wander(settings, rng)
 
     def at(self, t: ArrayLike) -> Kinematics:
         """The state at times (n,), s."""
@@ -139,28 +166,41 @@ class Motion:
         along = way % self.course_m if self.closed else np.minimum(way, self.course_m)
         place, tangent, bend = (self._path(along, nu) for nu in range(3))
         wave, wave_rate, wave_accel = self._waves.at(times)
+        stray, stray_rate, stray_accel = self._strays(times)
         if self.settings.sheltered_rest:
             share = np.stack([way_rate, way_accel, way_jerk]) / self.settings.speed_m_s
-            wave, wave_rate, wave_accel = _product(share[..., None], (wave, wave_rate, wave_accel))
+            share = share[..., None]
+            wave, wave_rate, wave_accel = _product(share, (wave, wave_rate, wave_accel))
+            stray, stray_rate, stray_accel = _product(share, (stray, stray_rate, stray_accel))
         depth, depth_rate, depth_accel = self._depth(times)
 
         course = np.arctan2(tangent[:, 1], tangent[:, 0])
         turn = tangent[:, 0] * bend[:, 1] - tangent[:, 1] * bend[:, 0]
         course_rate = turn / (tangent**2).sum(1) * way_rate
         rpy = wave[:, :3].copy()
-        rpy[:, 2] = wrap_angle(rpy[:, 2] + course)
+        rpy[:, 2] = wrap_angle(rpy[:, 2] + course + stray[:, 3])
         rpy_rate = wave_rate[:, :3].copy()
-        rpy_rate[:, 2] += course_rate
+        rpy_rate[:, 2] += course_rate + stray_rate[:, 3]
 
+        p_n = np.column_stack([place, depth + wave[:, 3]])
+        v_n = np.column_stack([tangent * way_rate[:, None], depth_rate + wave_rate[:, 3]])
         acceleration = bend * way_rate[:, None] ** 2 + tangent * way_accel[:, None]
+        a_n = np.column_stack([acceleration, depth_accel + wave_accel[:, 3]])
         return Kinematics(
             t=times,
-            p_n=np.column_stack([place, depth + wave[:, 3]]),
-            v_n=np.column_stack([tangent * way_rate[:, None], depth_rate + wave_rate[:, 3]]),
-            a_n=np.column_stack([acceleration, depth_accel + wave_accel[:, 3]]),
+            p_n=p_n + stray[:, :3],
+            v_n=v_n + stray_rate[:, :3],
+            a_n=a_n + stray_accel[:, :3],
             rpy=rpy,
             omega_nb_b=body_rates(rpy, rpy_rate),
         )
+
+    def _strays(self, t: Array) -> tuple[Array, Array, Array]:
+        """How far the wander takes north, east, down and yaw, with its first two derivatives."""
+        if not np.any(self._wander.amplitude):
+            still = np.zeros((len(t), 4))
+            return still, still, still
+        return self._wander.at(t)
 
     def _progress(self, t: Array) -> tuple[Array, Array, Array, Array]:
         """Way along the course (m) with its first three derivatives."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
+from gtsam_nav.preprocess.settings import MotionSettings as ExpectedMotion
 from gtsam_nav.settings import Settings
 from gtsam_nav.simulation.lidar import LidarSimulation
 from gtsam_nav.simulation.motion import MotionSettings
@@ -179,8 +180,20 @@ class SimulationSettings(Settings):
 
     @classmethod
     def matched(cls) -> SimulationSettings:
-        """Errors of just the kinds that the noise models know, for tests of consistency."""
+        """Errors of just the kinds that the noise models know, for tests of consistency.
+
+        The vehicle moves as the default motion model expects it to.
+        """
+        expected = ExpectedMotion()
         return cls(
+            motion=MotionSettings(
+                ramp_s=30.0,
+                heave_m=0.0,
+                yaw_deg=0.0,
+                wander_accel_m_s2=expected.sigma_accel_m_s2,
+                wander_vertical_accel_m_s2=expected.sigma_vertical_accel_m_s2,
+                wander_yaw_accel_rad_s2=expected.sigma_yaw_accel_rad_s2,
+            ),
             dvl=DvlSimulation(scale_sigma=0.0, misalignment_sigma_deg=0.0),
             heading=HeadingSimulation(wall_peak_deg=0.0, drift_sigma_deg=2.0),
             gnss=GnssSimulation(outlier_share=0.0),

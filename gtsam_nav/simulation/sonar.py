@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
 from gtsam_nav.frames import Array, rotation_from_rpy
 from gtsam_nav.mission import Sensor
-from gtsam_nav.series import BeamSeries
+from gtsam_nav.series import BeamSeries, IntArray
 from gtsam_nav.settings import Settings
 from gtsam_nav.simulation.motion import Motion
 from gtsam_nav.simulation.raycast import Hits, cast
@@ -19,6 +21,9 @@ BEAMS_AT_ONCE = 200
 
 _WIDTH_IN_SIGMAS = float(np.sqrt(8 * np.log(2)))
 """Width at half height of a Gaussian of unit sigma."""
+
+_MOST_BEAMS = 3
+"""That an echo from nothing fixed lasts."""
 
 
 class SonarSimulation(Settings):
@@ -96,17 +101,14 @@ def sonar(
     angle = np.radians(s.step_deg) * np.arange(len(t)) % (2 * np.pi)
     kept = ~_lost_pings(rng, len(t), s.lost_share)
     t, angle = t[kept], angle[kept]
-    power = np.zeros((len(t), s.bins), dtype=np.float32)
-    for first in range(0, len(t), BEAMS_AT_ONCE):
-        turn = slice(first, first + BEAMS_AT_ONCE)
-        origin_n, azimuth = beam_axes(motion, t[turn], angle[turn], s)
-        power[turn] = _echoes(world, origin_n, azimuth, s, rng)
-    _add_clutter(power, s, rng)
     return Sensor(
         name="sonar",
         type="beams",
         series=BeamSeries(
-            t=t, angle=angle, intensity=_receive(power, s, rng), resolution_m=s.resolution_m
+            t=t,
+            angle=angle,
+            intensity=_profiles(motion, world, t, angle, s, rng),
+            resolution_m=s.resolution_m,
         ),
         xyz_b=np.array(s.xyz_m),
         R_bs=rotation_from_rpy(np.radians(s.rpy_deg)),
@@ -116,6 +118,28 @@ def sonar(
         },
         simulated=True,
     )
+
+
+def _profiles(
+    motion: Motion,
+    world: World,
+    t: Array,
+    angle: Array,
+    s: SonarSimulation,
+    rng: np.random.Generator,
+) -> NDArray[np.uint8]:
+    """What the beams receive, shape (n, bins); of a long mission, only this is held whole."""
+    # the jitter keeps the rays' spacing from showing as stripes on grazed walls
+    jitter = rng.uniform(-0.5, 0.5, len(t))
+    clutter = _drawn_clutter(len(t), s, rng)
+    intensity = np.empty((len(t), s.bins), dtype=np.uint8)
+    for first in range(0, len(t), BEAMS_AT_ONCE):
+        turn = slice(first, min(first + BEAMS_AT_ONCE, len(t)))
+        origin_n, azimuth = beam_axes(motion, t[turn], angle[turn], s)
+        power = _echoes(world, origin_n, azimuth, jitter[turn], s)
+        clutter.add_to(power, turn)
+        intensity[turn] = _receive(power, s, rng)
+    return intensity
 
 
 def beam_axes(motion: Motion, t: Array, angle: Array, s: SonarSimulation) -> tuple[Array, Array]:
@@ -150,13 +174,12 @@ def _lost_pings(rng: np.random.Generator, n: int, share: float) -> NDArray[np.bo
 
 
 def _echoes(
-    world: World, origin_n: Array, azimuth: Array, s: SonarSimulation, rng: np.random.Generator
+    world: World, origin_n: Array, azimuth: Array, jitter: Array, s: SonarSimulation
 ) -> NDArray[np.float32]:
-    """Mean echo power of beams in each bin, shape (m, bins)."""
+    """Mean echo power of beams in each bin, shape (m, bins); jitter is in steps between rays."""
     sigma = np.radians(s.beam_width_deg) / _WIDTH_IN_SIGMAS
     step = 5 * sigma / s.rays
-    # the jitter keeps the rays' spacing from showing as stripes on grazed walls
-    fan = step * (np.arange(s.rays) - (s.rays - 1) / 2 + rng.uniform(-0.5, 0.5, (len(azimuth), 1)))
+    fan = step * (np.arange(s.rays) - (s.rays - 1) / 2 + jitter[:, None])
     hits = cast(world, origin_n, azimuth[:, None] + fan, s.range_m)
     pattern = step / (np.sqrt(2 * np.pi) * sigma) * np.exp(-0.5 * (fan / sigma) ** 2)
     level = _reflected(hits, s)
@@ -197,17 +220,38 @@ def _spread(range_m: Array, power: Array, s: SonarSimulation) -> NDArray[np.floa
     )
 
 
-def _add_clutter(power: NDArray[np.float32], s: SonarSimulation, rng: np.random.Generator) -> None:
-    """Add short-lived echoes, one to three beams wide, to profiles (m, bins) in place."""
-    m, bins = power.shape
-    count = rng.poisson(s.clutter_per_beam * m)
-    beam, centre = rng.integers(0, max(m, 1), count), rng.integers(0, bins, count)
-    width, level = rng.integers(1, 4, count), rng.exponential(s.clutter_level, count)
-    for shift in range(3):
-        for offset, share in ((-1, 0.5), (0, 1.0), (1, 0.5)):
-            row, column = beam + shift, centre + offset
-            fits = (shift < width) & (row < m) & (column >= 0) & (column < bins)
-            np.add.at(power, (row[fits], column[fits]), share * level[fits] ** 2)
+@dataclass(frozen=True)
+class _Clutter:
+    """Short-lived echoes from nothing fixed, shape (k,) each.
+
+    ``beam`` and ``bin`` say where each begins, ``width`` how many beams it lasts.
+    """
+
+    beam: IntArray
+    bin: IntArray
+    width: IntArray
+    power: Array
+
+    def add_to(self, power: NDArray[np.float32], beams: slice) -> None:
+        """Add the echoes to some beams' profiles (m, bins) in place."""
+        m, bins = power.shape
+        near = (self.beam < beams.stop) & (self.beam + self.width > beams.start)
+        beam, centre, width = (x[near] for x in (self.beam, self.bin, self.width))
+        for shift in range(_MOST_BEAMS):
+            row = beam + shift - beams.start
+            for offset, share in ((-1, 0.5), (0, 1.0), (1, 0.5)):
+                column = centre + offset
+                inside = (row >= 0) & (row < m) & (column >= 0) & (column < bins)
+                fits = (shift < width) & inside
+                np.add.at(power, (row[fits], column[fits]), share * self.power[near][fits])
+
+
+def _drawn_clutter(n: int, s: SonarSimulation, rng: np.random.Generator) -> _Clutter:
+    """Clutter of n beams."""
+    count = rng.poisson(s.clutter_per_beam * n)
+    beam, centre = rng.integers(0, max(n, 1), count), rng.integers(0, s.bins, count)
+    width, level = rng.integers(1, _MOST_BEAMS + 1, count), rng.exponential(s.clutter_level, count)
+    return _Clutter(beam, centre, width, level**2)
 
 
 def _receive(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +15,7 @@ from gtsam_nav.frames import (
     quaternion_from_rpy,
     rotation_from_quaternion,
 )
+from gtsam_nav.series import BoolArray
 from gtsam_nav.trajectory import Trajectory
 from gtsam_nav.writers.frame import Frame, express_points, express_rotations
 from gtsam_nav.writers.tables import EXACT, format_rows, read_table, write_table
@@ -168,25 +168,23 @@ def read_trajectory_csv(path: Path) -> Trajectory:
         known = len(columns) == len(names) and not np.any(np.isnan(columns))
         return np.column_stack(columns) if known else None
 
-    trajectory = _valid(
-        path,
-        t=table["t"],
-        p_n=np.column_stack([table[name] for name in needed[1:4]]),
-        q_nb_wxyz=quaternion_from_rpy(
-            np.radians(np.column_stack([table[name] for name in needed[4:]]))
-        ),
-        v_n=block("vn", "ve", "vd"),
-        sigma_v_n=block("sigma_vn", "sigma_ve", "sigma_vd"),
-    )
+    rpy = np.radians(np.column_stack([table[name] for name in needed[4:]]))
+    if not np.all(np.isfinite(rpy)):
+        raise DataError("not a valid trajectory: its attitude holds NaN or infinity", path)
     sigmas = block("sigma_n", "sigma_e", "sigma_d", "cov_ne")
     sigma_rpy_deg = block("sigma_roll_deg", "sigma_pitch_deg", "sigma_yaw_deg")
     keyframe = block("keyframe")
-    return replace(
-        trajectory,
+    return _valid(
+        path,
+        t=table["t"],
+        p_n=np.column_stack([table[name] for name in needed[1:4]]),
+        q_nb_wxyz=quaternion_from_rpy(rpy),
+        v_n=block("vn", "ve", "vd"),
+        sigma_v_n=block("sigma_vn", "sigma_ve", "sigma_vd"),
         cov_pose_n=(
             None
             if sigmas is None or sigma_rpy_deg is None
-            else _covariance(trajectory.rpy, sigmas, np.radians(sigma_rpy_deg))
+            else _covariance(rpy, sigmas, np.radians(sigma_rpy_deg))
         ),
         keyframe=None if keyframe is None else keyframe[:, 0] > 0,
     )
@@ -242,8 +240,6 @@ def write_nav(trajectory: Trajectory, origin: Origin, path: Path) -> None:
 def _covariance(rpy: Array, sigmas: Array, sigma_rpy: Array) -> Array:
     """Pose covariance whose `Trajectory.sigma_p_n` and `Trajectory.sigma_rpy` are as given."""
     cov = np.zeros((len(rpy), 6, 6))
-    for axis in range(3):
-        cov[:, axis, axis] = sigmas[:, axis] ** 2
     cov[:, 0, 1] = cov[:, 1, 0] = sigmas[:, 3]
     _, pitch, yaw = rpy.T
     c, s, o = np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)
@@ -256,11 +252,14 @@ def _covariance(rpy: Array, sigmas: Array, sigma_rpy: Array) -> Array:
         ],
         axis=2,
     )
-    cov[:, 3:, 3:] = (J * sigma_rpy[:, None, :] ** 2) @ np.swapaxes(J, 1, 2)
+    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is not valid: seen later
+        for axis in range(3):
+            cov[:, axis, axis] = sigmas[:, axis] ** 2
+        cov[:, 3:, 3:] = (J * sigma_rpy[:, None, :] ** 2) @ np.swapaxes(J, 1, 2)
     return cov
 
 
-def _valid(path: Path, **columns: Array | None) -> Trajectory:
+def _valid(path: Path, **columns: Array | BoolArray | None) -> Trajectory:
     try:
         return Trajectory(**columns)  # type: ignore[arg-type]
     except ValueError as error:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.versions import last_line, lower_bounds, pinned
+from benchmarks.versions import failures, last_line, lower_bounds, pinned
 
 ROOT = Path(__file__).parents[2]
 CONSTRAINT = re.compile(r"([a-z0-9-]+)==([\w.]+)(; python_version == \"3\.\d+\")?")
@@ -65,3 +65,8 @@ def test_the_constraints_are_names_and_versions_that_the_bounds_allow() -> None:
 def test_the_last_line_that_says_something_is_told() -> None:
     assert last_line("a\nb\n\n") == "b"
     assert last_line("") == "no word"
+
+
+def test_the_tests_that_failed_are_told() -> None:
+    summary = "FAILED tests/a.py::b - assert 1 == 2\nERROR tests/c.py\nSKIPPED [1] d\n1 failed\n"
+    assert failures(summary) == ["FAILED tests/a.py::b - assert 1 == 2", "ERROR tests/c.py"]

@@ -14,6 +14,7 @@ from gtsam_nav.ekf.constant_velocity import (
     Measurements,
     Restarts,
     Start,
+    doubt,
     predict,
     run,
     run_readable,
@@ -110,6 +111,38 @@ def test_a_run_of_failures_proves_the_state_wrong() -> None:
     assert_same(compiled, run_readable(z, begin, grid, gate, ACCEL_VARIANCE))
     assert 5 <= np.sum(~compiled.used) <= 30
     assert compiled.x[-1, YAW] == pytest.approx(2.0, abs=0.05)
+
+
+@pytest.mark.parametrize("filt", [run, run_readable])
+def test_a_wrong_velocity_has_led_astray_for_as_long_as_nothing_fitted(filt: object) -> None:
+    """A vehicle that sets off unseen: the place is doubted with the speed, and found again."""
+    assert callable(filt)
+    t = np.concatenate([np.arange(0.0, 5.0, 0.2), np.arange(9.0, 20.0, 0.2)])
+    speed = np.clip(0.3 * (t - 5.0), 0.0, 1.5)
+    value = np.column_stack([speed, np.zeros((len(t), 3))])
+    z = measurements(t, ["velocity"] * len(t), value, np.full((len(t), 4), 1e-4))
+    begin = Start(0.0, np.zeros(8), 1e-6 * np.eye(8))
+    gate = np.append(0.0, chi2.ppf(0.9999, [1, 2, 3, 4]))
+    found = filt(z, begin, np.array([15.0]), gate, ACCEL_VARIANCE)
+    assert np.sum(~found.used) >= 10
+    truth = 0.5 * 0.3 * 5.0**2 + 1.5 * 5.0
+    error, sigma = found.x[0, 0] - truth, np.sqrt(found.P[0, 0, 0])
+    assert abs(error) < 1.5
+    assert abs(error) < 2.0 * sigma
+
+
+@seeds
+def test_doubt_widens_what_is_off_and_where_it_has_led(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    x, P = state(rng)
+    entries, value, elapsed_s = np.array([4, 5, 6]), rng.normal(size=3), rng.uniform(0, 10)
+    widened = doubt(x, P, entries, value, elapsed_s) - P
+    off = value - x[entries]
+    np.testing.assert_allclose(np.diag(widened)[4:7], off**2, rtol=1e-6, atol=1e-9)
+    # the second moment of the way at that speed over a time that is anything up to all of it
+    way2 = (off[0] ** 2 + off[1] ** 2) * elapsed_s**2 / 3
+    assert np.trace(widened[:2, :2]) == pytest.approx(way2, rel=1e-6, abs=1e-6)
+    assert np.all(np.linalg.eigvalsh(widened) > -1e-6)
 
 
 def test_a_restart_is_a_start_whose_position_is_known() -> None:

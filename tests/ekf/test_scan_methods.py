@@ -10,7 +10,9 @@ import pytest
 
 import gtsam_nav as gn
 from gtsam_nav.config import Config, load_config
-from gtsam_nav.ekf.considered import ConsideredErrors
+from gtsam_nav.ekf.augmented_state import AugmentedState
+from gtsam_nav.ekf.considered import ConsideredErrors, with_considered
+from gtsam_nav.ekf.dead_reckoning import dead_reckon, filtered_trajectory
 from gtsam_nav.ekf.pose_slam import PoseFilter, loop_candidates
 from gtsam_nav.ekf.scan_match import completed
 from gtsam_nav.ekf.scan_track import ScanTrack, follow_scans
@@ -134,6 +136,39 @@ def test_the_trajectory_is_whole(mission: Mission, method: str) -> None:
     assert {"odometry", "scans"} <= set(solution.innovations)
 
 
+def test_without_matches_the_pose_filter_is_dead_reckoning() -> None:
+    """A compass that drifts turns the whole way: its error at a scan is no news at the next."""
+    mission, config = circling(), load_config()
+    track = follow_scans(mission, config)
+    state = AugmentedState(len(track), track.pose(0), track.cov_since_last(0))
+    for k in range(1, len(track)):
+        state.augment(*track.predict(k, state.poses[-1]))
+    reckoned = dead_reckon(mission, track.start, config, track.t)
+    drift = track.drift
+    assert drift is not None
+    drifting = ConsideredErrors(0.0, drift.sigma, drift.time_s, 0.0, 0.0)
+    dr = with_considered(filtered_trajectory(reckoned.filtered, mission), drifting)
+    at_scans = dr.select(np.searchsorted(dr.t, track.t))
+    assert at_scans.cov_pose_n is not None
+    np.testing.assert_allclose(state.poses[:, :2], at_scans.p_n[:, :2], atol=0.2)
+    planar = np.array([0, 1, 5])
+    stated = at_scans.cov_pose_n[:, planar[:, None], planar]
+    for axis in range(3):
+        np.testing.assert_allclose(
+            state.marginals[5:, axis, axis], stated[5:, axis, axis], rtol=0.1
+        )
+
+
+def test_a_compass_error_that_matches_show_is_carried_on() -> None:
+    track = follow_scans(circling(), load_config())
+    last, h = np.add(track.pose(7), [3.0, -2.0, 0.2]), 1e-6
+    pose, J, _ = track.predict(8, last)
+    assert 0.15 < wrap_angle(pose[2] - track.pose(8)[2]) < 0.2
+    for axis, step in enumerate(h * np.eye(3)):
+        ahead, behind = (track.predict(8, last + sign * step)[0] for sign in (1, -1))
+        np.testing.assert_allclose((ahead - behind) / (2 * h), J[:, axis], atol=1e-6)
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_the_causal_estimate_knows_no_future(mission: Mission, method: str) -> None:
     cut_s = 80.0
@@ -162,6 +197,8 @@ def test_the_poses_of_scans_are_kept_by_the_trajectory(mission: Mission) -> None
     north, east = (scans.p_n - trajectory.p_n[0])[:, :2].T
     turning = np.stack([-east, north, np.ones(len(scans))], axis=1)
     turned = ConsideredErrors.of(mission).heading ** 2 * turning[:, :, None] * turning[:, None]
+    # and the heading of a scan's time is not quite that of its beams
+    turned[:, 2, 2] += track.frame_yaw_variance
     np.testing.assert_allclose(
         scans.cov_pose_n[:, planar[:, None], planar],
         pose_filter.state.marginals + turned,

@@ -76,6 +76,19 @@ def test_the_lever_arm_carries_the_heading_uncertainty() -> None:
     np.testing.assert_allclose(horizontal_nees(matched), 4.0, rtol=1e-4)
 
 
+def test_scores_do_not_depend_on_how_many_samples_are_matched_at_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    estimate, reference = drawn()
+    at_once = match(estimate, reference, (1.0, 2.0, 3.0))
+    monkeypatch.setattr("gtsam_nav.evaluation.matching.SAMPLES_AT_ONCE", 300)
+    in_parts = match(estimate, reference, (1.0, 2.0, 3.0))
+    assert at_once is not None
+    assert in_parts is not None
+    np.testing.assert_allclose(in_parts.estimate.p_n, at_once.estimate.p_n, rtol=1e-12)
+    np.testing.assert_allclose(in_parts.cov_ne, at_once.cov_ne, rtol=1e-12)
+
+
 def test_without_a_covariance_there_is_no_nees() -> None:
     estimate, reference = drawn()
     bare = Trajectory(t=estimate.t, p_n=estimate.p_n, q_nb_wxyz=estimate.q_nb_wxyz)

@@ -83,6 +83,54 @@ def test_tracks_lie_at_the_antenna_with_the_foremost_first(
     np.testing.assert_allclose(unpacked(tracks[0]["sigma_n"]), antenna.sigma_p_n[:, 0], atol=0.003)
 
 
+def test_the_page_spans_all_solutions(both: list[Solution]) -> None:
+    early, late = both
+    early = replace(early, trajectory=early.trajectory.select(slice(0, -50)))
+    late = replace(late, trajectory=late.trajectory.select(slice(70, None)))
+    document = page_document([early, late], None)
+    assert document["span_s"] == [early.trajectory.t[0], late.trajectory.t[-1]]
+    assert document["window_s"] is None
+    assert set(document["colours"]) == {"dr", "graph"}
+
+
+def test_a_track_says_how_the_vehicle_lay_and_how_sure_that_is(
+    both: list[Solution], document: dict[str, Any]
+) -> None:
+    antenna = both[1].trajectory.at_lever_arm(solutions.ANTENNA_B)
+    track = document["plan"]["tracks"][0]
+    assert track["lever_b_m"] == solutions.ANTENNA_B[:2].tolist()
+    heading_deg = np.degrees(np.unwrap(antenna.rpy[:, 2]))
+    np.testing.assert_allclose(unpacked(track["heading_deg"]), heading_deg, atol=0.011)
+    np.testing.assert_allclose(unpacked(track["t"]), antenna.t, atol=6e-4)
+    assert antenna.cov_pose_n is not None
+    cov = antenna.cov_pose_n[:, :2, :2]
+    np.testing.assert_allclose(unpacked(track["sigma_e"]), np.sqrt(cov[:, 1, 1]), atol=0.003)
+    correlation = cov[:, 0, 1] / np.sqrt(cov[:, 0, 0] * cov[:, 1, 1])
+    np.testing.assert_allclose(unpacked(track["correlation"]), correlation, atol=6e-4)
+    online, causal = both[1].online, track["online"]
+    assert online is not None
+    online_n = online.at_lever_arm(solutions.ANTENNA_B).p_n
+    for axis, name in enumerate("ne"):
+        np.testing.assert_allclose(unpacked(causal[name]), online_n[:, axis], atol=0.003)
+
+
+def test_the_map_and_the_reference_lie_where_they_are(
+    both: list[Solution], document: dict[str, Any]
+) -> None:
+    points, reference = both[1].sonar_map, both[1].reference
+    assert points is not None
+    assert reference is not None
+    plan = document["plan"]
+    assert (plan["map"]["method"], plan["map"]["name"]) == ("graph", "sonar map")
+    for axis, name in enumerate("ne"):
+        np.testing.assert_allclose(
+            unpacked(plan["map"][name]), points.points_n[:, axis], atol=0.003
+        )
+        np.testing.assert_allclose(
+            unpacked(plan["reference"][name]), reference.series.p_n[:, axis], atol=0.003
+        )
+
+
 def test_what_has_no_absolute_place_is_turned_with_all_that_hangs_on_it(
     both: list[Solution],
 ) -> None:
@@ -120,6 +168,10 @@ def test_loops_say_all_that_is_known_of_them(
     assert rejected["reason"] in ("overlap", "gate", "diverged")
     first, source = loops[0], both[1].loops[0]
     assert (first["t_a"], first["t_b"]) == (source.t_a, source.t_b)
+    assert first["dx_m"] == pytest.approx(source.dx_m, abs=6e-4)
+    assert first["dy_m"] == pytest.approx(source.dy_m, abs=6e-4)
+    assert first["dyaw_deg"] == pytest.approx(np.degrees(source.dyaw), abs=6e-4)
+    assert first["score"] == pytest.approx(source.score, abs=6e-4)
     path = both[1].trajectory.at_lever_arm(solutions.ANTENNA_B)
     there = path.interpolate(np.array([source.t_b])).p_n[0, :2]
     np.testing.assert_allclose(first["ne_b"], there, atol=0.006)

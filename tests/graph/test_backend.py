@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
+import logging
+from typing import Any
+
 import gtsam
 import numpy as np
+import pytest
 
 from gtsam_nav.config import Config
+from gtsam_nav.frames import Array
+from gtsam_nav.graph import backend as backend_module
 from gtsam_nav.graph.backend import Backend, graph_of, planar_rows
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.keyframes import keyframe_times
 from gtsam_nav.graph.measurements import build_problem
+from gtsam_nav.graph.online import run_online
+from gtsam_nav.graph.outset import mission_keyframes, start_and_motion
+from gtsam_nav.graph.problem import Problem
+from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.alignment import align
 from gtsam_nav.preprocess.motion import vehicle_motion
 from gtsam_nav.simulation import simulate
+from gtsam_nav.solution import no_progress
 
 
 def test_joint_covariances_are_those_of_the_batch() -> None:
@@ -41,3 +52,61 @@ def test_joint_covariances_are_those_of_the_batch() -> None:
         np.testing.assert_allclose(
             got / np.outer(sigma, sigma), wanted / np.outer(sigma, sigma), 0, 1e-3
         )
+
+
+def online_positions(mission: Mission) -> Array:
+    """Of the keyframes, as the causal pass knew them when they entered."""
+    config = Config()
+    start, motion = start_and_motion(mission, config)
+    t = mission_keyframes(mission, np.empty(0), np.empty(0), config)
+    problem = build_problem(mission, start, motion, t, config)
+    passed = run_online(problem, None, np.empty(0, dtype=int), config, no_progress)
+    return np.array([state.position() for state in passed.states])
+
+
+def test_where_cholesky_fails_the_pass_goes_on_by_qr(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    mission = simulate("laps", seed=1, duration_s=20.0)
+    by_qr = online_positions(mission)
+    caplog.set_level(logging.INFO)
+    monkeypatch.setattr(Problem, "is_stiff", False)
+    recovered = online_positions(mission)
+    assert "anew by QR" in caplog.text
+    np.testing.assert_allclose(recovered, by_qr, atol=1e-6)
+
+
+class Failing:
+    """An iSAM2 that takes its third update in, and then says that it is indeterminate."""
+
+    def __init__(self, isam: Any) -> None:
+        self._isam, self._updates = isam, 0
+
+    def update(self, graph: Any, values: Any) -> None:
+        self._isam.update(graph, values)
+        self._updates += 1
+        if self._updates == 3:
+            raise RuntimeError("Indeterminate linear system")
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._isam, name)
+
+
+@pytest.mark.parametrize(("most", "kinds"), [(10, [False, False]), (0, [False, True])])
+def test_a_failure_in_one_order_is_begun_anew_in_another(
+    most: int, kinds: list[bool], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mission = simulate("marina", seed=3, duration_s=40.0).without("sonar")
+    undisturbed = online_positions(mission)
+    made: list[bool] = []
+
+    def isam2(is_stiff: bool) -> Any:
+        made.append(is_stiff)
+        return Failing(plain(is_stiff)) if len(made) == 1 else plain(is_stiff)
+
+    plain = backend_module._isam2
+    monkeypatch.setattr(backend_module, "_isam2", isam2)
+    monkeypatch.setattr(backend_module, "MOST_FRESH_STARTS", most)
+    recovered = online_positions(mission)
+    assert made == kinds
+    np.testing.assert_allclose(recovered, undisturbed, atol=1e-3)

@@ -158,7 +158,8 @@ def test_covariances_of_the_sensors_alone_equal_the_dense_ones(case: Case) -> No
 def test_covariance_does_not_depend_on_how_many_columns_are_solved_at_once(
     case: Case, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("gtsam_nav.graph.sensor_posterior.COLUMNS_AT_ONCE", 5)
+    few = 5 * len(case.posterior.system.g)
+    monkeypatch.setattr("gtsam_nav.graph.sensor_posterior.ENTRIES_AT_ONCE", few)
     again = sensor_posterior(case.graph, case.values, KNOTS, case.problem)
     assert_same_covariance(again.planar_cov, case.posterior.planar_cov, 1e-9)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -447,6 +448,16 @@ def test_bytes_that_are_no_bag(tmp_path: Path) -> None:
     (tmp_path / "x.bag").write_text("a letter to my bank")
     with pytest.raises(DataError, match=r"does not begin like one$"):
         open_mission(tmp_path / "x.bag")
+
+
+def test_metadata_with_a_time_beyond_any_clock(tmp_path: Path) -> None:
+    path = bag_of(tmp_path, lambda m: [*still(m)], "sqlite3")
+    metadata = path / "metadata.yaml"
+    key = "nanoseconds_since_epoch: "
+    digits = key + "-" + "8" * 400
+    metadata.write_text(re.sub(key + r"\d+", digits, metadata.read_text()))
+    with pytest.raises(DataError, match="cannot be opened: its start or duration is no time"):
+        open_mission(path)
 
 
 @pytest.mark.parametrize("kind", ["sqlite3", "mcap"])

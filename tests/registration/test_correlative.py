@@ -113,3 +113,19 @@ def test_what_is_told_of_the_volume_is_the_mean_of_the_field_and_holds_the_best(
     known = np.isfinite(told)
     np.testing.assert_allclose(told[known], plain[known])
     assert np.all(known[plain >= 0.9 * plain.max()])
+
+
+def test_a_block_counts_where_its_middle_lies_within_the_gate() -> None:
+    blocks, block, cell_m = 3, 4, 0.5
+    A, gate = np.diag([1.0, 0.5, 200.0]), 9.0
+    turns = np.array([-0.1, 0.0, 0.2])
+    field = np.ones((60, 60))
+    told = score_volume(
+        *(field, field, block, np.array([-15.0, -15.0]), cell_m, np.zeros((1, 2)), np.zeros(3)),
+        *(A, gate, turns, blocks, 0.0),
+    )
+    for k, i, j in np.ndindex(3, 2 * blocks, 2 * blocks):
+        middle_m = (np.array([i, j]) - blocks + 0.5) * block * cell_m - cell_m / 2
+        pose = np.append(middle_m, turns[k])
+        part = told[k, i * block : (i + 1) * block, j * block : (j + 1) * block]
+        assert np.all(np.isfinite(part) == (pose @ A @ pose <= gate)), (k, i, j)

@@ -138,6 +138,7 @@ def test_walls_at_a_single_point_are_not_certain() -> None:
     match = register(scan_of(corner()), scan_of(corner() + 500), prior, PRIOR_COV, PicSettings())
     np.testing.assert_array_equal(match.q, prior)
     np.testing.assert_array_equal(match.cov, PRIOR_COV)
+    assert (match.overlap, match.iterations, match.unobserved.shape) == (0.0, 0, (0, 3))
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import product
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gtsam_nav.frames import Array
+from gtsam_nav.frames import Array, skew
 from gtsam_nav.registration.open3d_global import global_start
 from gtsam_nav.registration.result import RelativePose
 from gtsam_nav.registration.settings import Open3dSettings
-from gtsam_nav.registration.surfaces import Surfaces, design_effect, match_covariance
+from gtsam_nav.registration.surfaces import (
+    Alignment,
+    Surfaces,
+    _planes,
+    design_effect,
+    match_covariance,
+)
 
 NOISE_M = 0.02
 
@@ -79,6 +88,88 @@ def test_too_few_residuals_tell_nothing() -> None:
     rng = np.random.default_rng(2)
     planes = Surfaces(room(rng))
     assert match_covariance(planes.align(room(rng)[:10], np.eye(3), np.zeros(3), 0.5), 0.25) is None
+
+
+def crossed(cov_normal: Array, seed: int = 6, m: int = 60) -> Alignment:
+    """Points with residuals of one size and normals all round, each in a block of its own."""
+    rng = np.random.default_rng(seed)
+    arm, normal = rng.uniform(-5.0, 5.0, size=(m, 3)), rng.normal(size=(m, 3))
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    return Alignment(
+        residual=NOISE_M * np.where(np.arange(m) % 2, 1.0, -1.0),
+        jacobian=np.hstack([np.cross(arm, normal), normal]),
+        cov_normal_b=np.tile(cov_normal, (m, 1, 1)),
+        arm_b=arm,
+        place=1000.0 * np.arange(3 * m).reshape(m, 3),
+        fitness=1.0,
+    )
+
+
+def test_the_covariance_is_that_of_least_squares() -> None:
+    """Also where some residuals are of points without a partner: these count for nothing."""
+    exact = crossed(np.zeros((3, 3)))
+    stray = replace(exact, residual=np.where(np.arange(60) < 6, 3.0, exact.residual))
+    vague = np.diag([1.0] * 3 + [0.1**2] * 3)
+    for found, kept in ((exact, slice(None)), (stray, slice(6, None))):
+        J = found.jacobian[kept]
+        wanted = np.linalg.inv(J.T @ J / NOISE_M**2 + vague)
+        cov = match_covariance(found, 0.25)
+        assert cov is not None
+        np.testing.assert_allclose(cov, wanted, rtol=1e-5, atol=1e-12)
+
+
+def test_what_errs_together_counts_once() -> None:
+    """Pairs of equal residuals in a cube of eight spacings: twice the covariance."""
+    found = crossed(np.zeros((3, 3)))
+    pairs = np.repeat(np.arange(30), 2)
+    same = replace(found, residual=found.residual[pairs])
+    cov = match_covariance(same, 0.25)
+    for apart_m, factor in ((1.9, 2.0), (2.1, 1.0)):
+        place = np.zeros((60, 3))
+        place[:, 0] = 10.0 * pairs + np.where(np.arange(60) % 2, apart_m, 0.0)
+        together = match_covariance(replace(same, place=place), 0.25)
+        assert cov is not None
+        assert together is not None
+        np.testing.assert_allclose(np.diag(together), factor * np.diag(cov), rtol=1e-3)
+
+
+def test_what_noisy_normals_feign_is_taken_off_twice() -> None:
+    cov_normal = np.diag([3e-4, 1e-4, 2e-4])
+    noisy = crossed(cov_normal)
+    feigned = np.zeros((6, 6))
+    for arm in noisy.arm_b:
+        by_normal = np.vstack([skew(arm), np.eye(3)])
+        feigned += by_normal @ cov_normal @ by_normal.T
+    information = noisy.jacobian.T @ noisy.jacobian - 2.0 * feigned
+    vague = np.diag([1.0] * 3 + [0.1**2] * 3)
+    cov = match_covariance(noisy, 0.25)
+    assert cov is not None
+    np.testing.assert_allclose(cov, np.linalg.inv(information / NOISE_M**2 + vague), rtol=1e-5)
+
+
+def test_as_few_residuals_as_are_needed_are_enough() -> None:
+    assert match_covariance(crossed(np.zeros((3, 3)), m=20), 0.25) is not None
+    assert match_covariance(crossed(np.zeros((3, 3)), m=19), 0.25) is None
+
+
+def test_normals_are_as_uncertain_as_they_say() -> None:
+    """Of planes of ten points, 2 m by 1 m in spread, with noise across them."""
+    rng = np.random.default_rng(7)
+    xy = np.column_stack([rng.normal(scale=2.0, size=10), rng.normal(scale=1.0, size=10)])
+    around = np.concatenate(
+        [np.tile(xy, (4000, 1, 1)), rng.normal(scale=NOISE_M, size=(4000, 10, 1))], axis=2
+    )
+    centre, normal, cov_normal, is_plane = _planes(around)
+    assert np.all(is_plane)
+    np.testing.assert_allclose(centre[:, :2], np.tile(xy.mean(axis=0), (4000, 1)), atol=1e-12)
+    lean = normal[:, :2] / normal[:, 2:]
+    np.testing.assert_allclose(cov_normal.mean(axis=0)[:2, :2], np.cov(lean.T), rtol=0.1, atol=2e-6)
+
+
+@pytest.mark.parametrize(("thickness", "is_flat"), [(0.9, True), (1.1, False)])
+def test_a_plane_is_three_times_thinner_than_narrow(thickness: float, is_flat: bool) -> None:
+    box = np.array(list(product((-6.0, 6.0), (-3.0, 3.0), (-thickness, thickness))))
+    assert _planes(box[None])[3].tolist() == [is_flat]
 
 
 @pytest.mark.parametrize(("shared", "expected"), [(0.0, 1.0), (1.0, 5.5)])

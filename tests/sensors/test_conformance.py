@@ -64,7 +64,7 @@ def gnss_position(state: BodyState, rng: np.random.Generator, spread: float) -> 
 def gnss_with_shared_error(state: BodyState, rng: np.random.Generator, spread: float) -> Case:
     sigma, error_n = rng.uniform(0.2, 3.0, size=3), rng.normal(size=3)
     p_n = state.p_n + 5 * spread * rng.normal(size=3)
-    factor = factors.gnss_with_error(G(0), X(0), p_n, sigma)
+    factor = factors.gnss_with_error(G(0), X(0), p_n, factors.position_noise(sigma))
     error = factors.nav_state(np.eye(3), error_n, np.zeros(3))
     return Case(
         lambda s: gnss.predict(s, p_n + error_n, np.zeros(3), sigma),

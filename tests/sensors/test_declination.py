@@ -27,12 +27,19 @@ def posix(year: int, month: int = 1, day: int = 1) -> float:
     [
         # test values that the World Magnetic Model is published with
         (Origin(80.0, 0.0, 0.0), posix(2020), -1.28),
+        (Origin(80.0, 0.0, 100e3), posix(2020), -1.70),
+        (Origin(80.0, 0.0, 0.0), posix(2022, 7, 2) + 12 * 3600.0, 0.01),
         (Origin(0.0, 120.0, 0.0), posix(2025), -0.16),
         (Origin(80.0, 0.0, 0.0), posix(2025), 1.28),
     ],
 )
 def test_it_is_the_published_models(place: Origin, when: float, expected: float) -> None:
     assert declination_deg(place, when) == pytest.approx(expected, abs=0.011)
+
+
+def test_each_metre_of_height_counts() -> None:
+    low, high = (declination_deg(Origin(80.0, 0.0, h), posix(2020)) for h in (0.0, 900.0))
+    assert 0.001 < low - high < 0.01
 
 
 def test_it_drifts_without_a_jump_from_model_to_model() -> None:

@@ -47,6 +47,7 @@ def test_mounting_and_lever_arm_lead_to_the_bodys_origin() -> None:
     found = body_velocities(sensor, np.tile(omega_b, (4, 1)), LIMIT_S)
     np.testing.assert_allclose(found.v_b, np.tile(v_b, (4, 1)), atol=1e-15)
     assert found.sensor == "dvl"
+    assert not found.by_wheels
     assert found.rejections == ()
 
 

@@ -82,7 +82,7 @@ def test_jacobians_are_those_of_the_residual(name: str, seed: int) -> None:
     prediction = model(state)
     np.testing.assert_allclose(prediction.jacobian, numeric, atol=1e-6)
     assert prediction.residual.shape == (len(numeric),)
-    assert prediction.cov.shape == (len(numeric), len(numeric))
+    np.testing.assert_allclose(prediction.cov, 0.1**2 * np.eye(len(numeric)))
 
 
 def test_a_heading_is_wrapped_and_biased_as_the_whole_orientation_is() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
 from gtsam_nav.errors import DataError
@@ -214,6 +215,14 @@ def test_a_landmark_at_no_distance_has_no_bearing(elevation: bool, distance_m: f
         assert np.all(np.isfinite(values))
 
 
+def test_a_centimetre_away_it_has_one() -> None:
+    observed = observe(LEVEL, np.array([[0.0, 0.01, 0.0]]), mounted(), elevation=True)
+    np.testing.assert_allclose(observed.values, [[0.01, np.pi / 2, 0.0]])
+    np.testing.assert_allclose(
+        observed.jacobian_landmark[0], [[0, 1, 0], [-100, 0, 0], [0, 0, -100]], atol=1e-12
+    )
+
+
 def test_a_landmark_overhead_has_range_and_elevation_but_no_bearing() -> None:
     measured = Sighting(5.0, 1.0, 1.5, 0.1, 0.02)
     prediction = predict(LEVEL, np.array([0.0, 0.0, -5.0]), measured, mounted())
@@ -336,6 +345,17 @@ def test_ids_are_trusted_where_the_association_goes_by_them() -> None:
     np.testing.assert_array_equal(
         trusted_ids(SERIES, LandmarkSettings(association="nearest")), [-1, -1]
     )
+
+
+def test_the_gate_of_a_new_landmark_is_the_wider_one() -> None:
+    settings = LandmarkSettings()
+    assert 0.5 < settings.gate_probability < settings.new_probability < 1.0
+    assert settings.use_map
+    for gate in ("gate_probability", "new_probability"):
+        for impossible in (0.0, 1.0):
+            with pytest.raises(ValidationError, match=gate):
+                LandmarkSettings.model_validate({gate: impossible})
+        LandmarkSettings.model_validate({gate: 1e-9})
 
 
 def test_variance_grows_as_that_of_a_mean_of_correlated_values() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from gtsam_nav.frames import Array, rotation_from_rpy, wrap_angle
 from gtsam_nav.mission import Mission, Sensor
-from gtsam_nav.sensors.orientation import UNMEASURED_TILT_SIGMA_RAD, headings_true, tilt_at
+from gtsam_nav.sensors.orientation import headings_true, tilt_at
 from gtsam_nav.sensors.rates import angular_rate_b, mean_gyro_bias_b
 from gtsam_nav.series import AttitudeSeries, HeadingSeries, ImuSeries, OdometrySeries
 
@@ -67,7 +67,7 @@ def test_tilt_is_interpolated() -> None:
 def test_tilt_that_nobody_measures_is_level_and_vague() -> None:
     tilt, sigma = tilt_at(mission(), np.arange(3.0))
     np.testing.assert_array_equal(tilt, np.zeros((3, 2)))
-    np.testing.assert_array_equal(sigma, UNMEASURED_TILT_SIGMA_RAD)
+    np.testing.assert_array_equal(sigma, np.radians(10.0))
 
 
 def test_rates_come_from_the_imu_first() -> None:

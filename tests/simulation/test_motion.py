@@ -15,7 +15,7 @@ from gtsam_nav.frames import (
 )
 from gtsam_nav.simulation.inertia import ideal_imu
 from gtsam_nav.simulation.marina import marina
-from gtsam_nav.simulation.motion import Motion, MotionSettings
+from gtsam_nav.simulation.motion import Motion, MotionSettings, draw_wander
 
 WORLD = marina()
 
@@ -61,6 +61,42 @@ def test_velocity_acceleration_and_rates_are_the_derivatives(motion: Motion) -> 
     turn = np.swapaxes(before.R_nb, 1, 2) @ after.R_nb / (2 * h)
     rate = np.column_stack([turn[:, 2, 1], turn[:, 0, 2], turn[:, 1, 0]])
     np.testing.assert_allclose(rate, now.omega_nb_b, atol=1e-5)
+
+
+WANDERING = MotionSettings(
+    wander_accel_m_s2=0.05, wander_vertical_accel_m_s2=0.02, wander_yaw_accel_rad_s2=0.1
+)
+
+
+def test_a_wandering_vehicle_moves_as_its_derivatives_say() -> None:
+    test_velocity_acceleration_and_rates_are_the_derivatives(
+        Motion(WORLD, WANDERING, np.random.default_rng(0))
+    )
+
+
+def test_a_wander_accelerates_as_white_noise_of_its_density_does() -> None:
+    """Over a time within the band, velocities change by the density times its root."""
+    t, lag_s = np.arange(0.0, 600.0, 0.1), 0.5
+    level, yaw = [], []
+    for seed in range(20):
+        stray = draw_wander(WANDERING, np.random.default_rng(seed))
+        _, now, _ = stray.at(t)
+        _, later, _ = stray.at(t + lag_s)
+        change = (later - now).std(axis=0) / np.sqrt(lag_s)
+        level.append(change[:3])
+        yaw.append(change[3])
+    np.testing.assert_allclose(np.mean(level, axis=0), [0.05, 0.05, 0.02], rtol=0.1)
+    # half a second is long for the yaw's band, which begins at 2 rad/s
+    assert 0.07 < np.mean(yaw) < 0.1
+
+
+def test_without_wander_the_course_is_kept_to_the_bit() -> None:
+    t = np.arange(0.0, 50.0, 0.5)
+    rails = Motion(WORLD, MotionSettings(), np.random.default_rng(1)).at(t)
+    strayed = Motion(WORLD, WANDERING, np.random.default_rng(1)).at(t)
+    away = strayed.p_n - rails.p_n
+    assert 0.03 < away[:, :2].std() < 0.3
+    np.testing.assert_allclose(strayed.rpy[:, :2], rails.rpy[:, :2], atol=1e-15)
 
 
 def integrate(motion: Motion, start_s: float, span_s: float, rate_hz: float) -> tuple[Array, Array]:

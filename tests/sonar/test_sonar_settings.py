@@ -31,6 +31,8 @@ from gtsam_nav.sonar.settings import ScanSettings, SegmentationSettings, SonarSe
         (ScanSettings, {"min_points": 3}, {"min_points": 2}),
         (ScanSettings, {"max_gap_s": 0.1}, {"max_gap_s": 0.0}),
         (ScanSettings, {"min_interval_s": 0.0}, {"min_interval_s": -0.1}),
+        (ScanSettings, {"min_move_m": 0.0}, {"min_move_m": -0.1}),
+        (ScanSettings, {"min_turn_deg": 0.0}, {"min_turn_deg": -0.1}),
     ],
 )
 def test_limits(settings: Any, taken: dict[str, float], refused: dict[str, float]) -> None:

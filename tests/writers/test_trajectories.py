@@ -148,6 +148,10 @@ def test_read_trajectory_goes_by_the_ending(trajectory: Trajectory, tmp_path: Pa
         read_trajectory(tmp_path / "a.bag")
 
 
+POSE = "t,n,e,d,roll_deg,pitch_deg,yaw_deg"
+SIGMAS = "sigma_n,sigma_e,sigma_d,cov_ne,sigma_roll_deg,sigma_pitch_deg,sigma_yaw_deg"
+
+
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
@@ -159,6 +163,9 @@ def test_read_trajectory_goes_by_the_ending(trajectory: Trajectory, tmp_path: Pa
         ("a.csv", "t,n,e\n0,1,2\n", "d, roll_deg"),
         ("a.csv", "t,n\n0,1,2\n", "column names"),
         ("a.csv", "t,n\n0,one\n", "table of numbers"),
+        ("a.csv", f"{POSE}\n0,0,0,0,0,inf,0\n", "attitude holds NaN or infinity"),
+        ("a.csv", f"{POSE},{SIGMAS}\n0,0,0,0,0,0,0,1e200,1,1,0,1,1,1\n", "cov_pose_n holds"),
+        ("a.csv", f"{POSE},{SIGMAS}\n0,0,0,0,0,0,0,1,1,1,0,1,1,inf\n", "cov_pose_n holds"),
     ],
 )
 def test_bad_files_are_data_errors(tmp_path: Path, name: str, content: str, message: str) -> None:

@@ -63,13 +63,14 @@ def _add_positions(
     if shares_error:
         _add_shared_error(problem, gnss.name, number, keyframe, series.sigma, noise)
     arm_b = _arms(problem, gnss, series.t, keyframe)
+    position_noise = [factors.position_noise(own) for own in sigma]
     for i, k in enumerate(keyframe.tolist()):
 
         def make(state_at: StateAt, i: int = i, k: int = k) -> Any:
             if not shares_error:
                 return factors.gnss(X(k), series.p_n[i], arm_b[i], sigma[i])
             p_n = series.p_n[i] - state_at(X(k)).attitude().matrix() @ arm_b[i]
-            return factors.gnss_with_error(error_key(number, k), X(k), p_n, sigma[i])
+            return factors.gnss_with_error(error_key(number, k), X(k), p_n, position_noise[i])
 
         problem.readings[k].append(
             Reading(
