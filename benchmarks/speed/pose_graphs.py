@@ -69,6 +69,7 @@ def write_city(path: Path, poses: int) -> None:
 
 
 def _compare(path: Path, repeats: int) -> dict[str, Any]:
+    gn.open_mission(path)  # imports
     runs = [_once(path) for _ in range(repeats)]
     row = {name: statistics.median(run[name] for run in runs) for name in runs[0]}
     return {
