@@ -60,12 +60,13 @@ def rotation_from_rpy(rpy: ArrayLike) -> Array:
     angles = np.asarray(rpy, dtype=float)
     cr, cp, cy = np.moveaxis(np.cos(angles), -1, 0)
     sr, sp, sy = np.moveaxis(np.sin(angles), -1, 0)
-    rows = (
-        (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
-        (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
-        (-sp, cp * sr, cp * cr),
-    )
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    # filled in place: stacking would cost a single rotation most of its time
+    R = np.empty((*angles.shape, 3))
+    R[..., 0, 0], R[..., 1, 0], R[..., 2, 0] = cy * cp, sy * cp, -sp
+    R[..., 0, 1], R[..., 1, 1] = cy * sp * sr - sy * cr, sy * sp * sr + cy * cr
+    R[..., 0, 2], R[..., 1, 2] = cy * sp * cr + sy * sr, sy * sp * cr - cy * sr
+    R[..., 2, 1], R[..., 2, 2] = cp * sr, cp * cr
+    return R
 
 
 def rpy_from_rotation(R: ArrayLike) -> Array:

@@ -187,9 +187,13 @@ def pattern_of(blocks: Sequence[IntArray], n: int) -> Any:
     """Ones throughout given blocks of columns, as `Factor` takes what is to meet; shape (n, n)."""
     from scipy.sparse import coo_array
 
-    none = np.empty(0, dtype=np.int64)
-    rows = np.concatenate([none, *(np.repeat(block, len(block)) for block in blocks)])
-    columns = np.concatenate([none, *(np.tile(block, len(block)) for block in blocks)])
+    members = np.concatenate([np.empty(0, dtype=np.int64), *blocks])
+    sizes = np.array([len(block) for block in blocks], dtype=np.int64)
+    # each member meets all of its block, which stands from ``first`` on
+    meets = np.repeat(sizes, sizes)
+    first = np.repeat(np.cumsum(sizes) - sizes, sizes)
+    within = np.arange(np.sum(meets)) - np.repeat(np.cumsum(meets) - meets, meets)
+    rows, columns = np.repeat(members, meets), members[np.repeat(first, meets) + within]
     return coo_array((np.ones(len(rows)), (rows, columns)), shape=(n, n)).tocsc()
 
 

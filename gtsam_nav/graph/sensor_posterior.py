@@ -21,6 +21,8 @@ from gtsam_nav.series import IntArray
 
 CALIBRATION = ("scale", "misalignment_rad")
 """The constant errors of the sensor of the velocity."""
+SYMBOL_BITS = 56
+"""Of a GTSAM key, that hold a symbol's index; its letter stands above them."""
 ENTRIES_AT_ONCE = 4_000_000
 """Of a covariance's columns: all of them take the memory of the mission's length squared."""
 
@@ -248,7 +250,7 @@ def _tangent(key: int) -> tuple[int, slice]:
     Of a compass frame only the yaw is, of a GNSS error or a landmark only the position, of a range
     scale only the first component of that; the rest is pinned.
     """
-    kind = chr(gtsam.Symbol(key).chr())
+    kind = chr(key >> SYMBOL_BITS)
     if kind == "b":
         return 6, slice(0, 6)
     parts = {"m": slice(2, 3), "g": slice(3, 6), "l": slice(3, 6), "s": slice(3, 4)}
@@ -279,7 +281,6 @@ def _columns(values: Any) -> tuple[dict[int, slice], IntArray]:
 
 def keyframe_of(key: int) -> int:
     """Keyframe that a variable belongs to; beyond all of them for what belongs to none."""
-    symbol = gtsam.Symbol(key)
-    if chr(symbol.chr()) in "ls":
+    if chr(key >> SYMBOL_BITS) in "ls":
         return RECEIVER_STRIDE
-    return int(symbol.index()) % RECEIVER_STRIDE
+    return (key & ((1 << SYMBOL_BITS) - 1)) % RECEIVER_STRIDE

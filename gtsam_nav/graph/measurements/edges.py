@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +21,8 @@ from gtsam_nav.series import BoolArray
 from gtsam_nav.trajectory import SAME_TIME_S
 
 
-class KeyframeEdge(NamedTuple):
+@dataclass(frozen=True)
+class KeyframeEdge:
     """Keyframe b in the axes of keyframe a: forward, starboard and yaw, with their covariance;
     ``row`` is its place among the mission's edges."""
 
@@ -34,7 +37,7 @@ class KeyframeEdge(NamedTuple):
         """Whether the keyframes do not follow each other."""
         return abs(self.b - self.a) > 1
 
-    @property
+    @cached_property
     def factor(self) -> Any:
         """As a factor with Gaussian noise."""
         return factors.planar_match(X(self.a), X(self.b), self.q, self.cov)
