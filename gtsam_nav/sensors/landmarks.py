@@ -59,10 +59,14 @@ class Sighting:
         return self.polar[self.rows]
 
     @cached_property
-    def cov(self) -> Array:
+    def sigma(self) -> Array:
         """Of `measured`; an elevation is as good as the bearing."""
-        sigma = np.array([self.sigma_range, self.sigma_bearing, self.sigma_bearing])
-        return np.diag(np.square(sigma[self.rows]))
+        return np.array([self.sigma_range, self.sigma_bearing, self.sigma_bearing])[self.rows]
+
+    @property
+    def cov(self) -> Array:
+        """Of `measured`."""
+        return np.diag(self.sigma**2)
 
 
 @dataclass(frozen=True)
