@@ -8,6 +8,14 @@ import numba
 import numpy as np
 
 from gtsam_nav.frames import Array
+from gtsam_nav.registration._pic_partners import (
+    columns,
+    mean_partner,
+    nearest_partner,
+    strips,
+    window,
+)
+from gtsam_nav.series import IntArray
 
 WALL_ELONGATION = 9.0
 """Surroundings whose variances differ by more than this factor are a wall."""
@@ -46,8 +54,8 @@ def iterate(
     iterations : int
     """
     order = np.argsort(xy_ref[:, 0])
-    xy_ref, cov_ref = xy_ref[order], cov_ref[order]
-    widest = np.max(cov_ref[:, 0, 0])
+    ref, new = columns(xy_ref[order], cov_ref[order]), columns(xy_new, cov_new)
+    first, width = strips(ref[0])
     q = prior.copy()
     H, g = np.zeros((3, 3)), np.zeros(3)
     scale, paired, iteration = 1.0, 0, 0
@@ -55,9 +63,7 @@ def iterate(
         iteration += 1
         H[:], g[:] = 0.0, 0.0
         P = cov_prior * scale
-        paired = _accumulate(
-            xy_ref, cov_ref, widest, xy_new, cov_new, q, P, gate, cauchy_k, nearest, H, g
-        )
+        paired = _accumulate(ref, first, width, new, q, P, gate, cauchy_k, nearest, H, g)
         step, solvable = _solve3(H, g)
         if not solvable:
             break
@@ -73,11 +79,10 @@ def iterate(
 
 @numba.njit(cache=True, error_model="numpy")
 def _accumulate(
-    xy_ref: Array,
-    cov_ref: Array,
-    widest: float,
-    xy_new: Array,
-    cov_new: Array,
+    ref: Array,
+    first: IntArray,
+    width: float,
+    new: Array,
     q: Array,
     P: Array,
     gate: float,
@@ -88,15 +93,16 @@ def _accumulate(
 ) -> int:
     """Add every paired point to the normal equations; returns how many there are.
 
-    Reference points come sorted by x; the widest of their variances there tells how far to look.
+    Points are `columns`, and the first of the reference's in each strip of a width is given.
     """
     c, s = math.cos(q[2]), math.sin(q[2])
+    widest = np.max(ref[2])
     paired = 0
-    for i in range(len(xy_new)):
-        tx = c * xy_new[i, 0] - s * xy_new[i, 1]
-        ty = s * xy_new[i, 0] + c * xy_new[i, 1]
+    for i in range(new.shape[1]):
+        tx = c * new[0, i] - s * new[1, i]
+        ty = s * new[0, i] + c * new[1, i]
         px, py = q[0] + tx, q[1] + ty
-        a, b, d = cov_new[i, 0, 0], cov_new[i, 0, 1], cov_new[i, 1, 1]
+        a, b, d = new[2, i], new[3, i], new[4, i]
         cxx = c * c * a - 2 * c * s * b + s * s * d
         cxy = c * s * (a - d) + (c * c - s * s) * b
         cyy = s * s * a + 2 * c * s * b + c * c * d
@@ -104,33 +110,14 @@ def _accumulate(
         gxx = cxx + P[0, 0] - 2 * ty * P[0, 2] + ty * ty * P[2, 2]
         gyy = cyy + P[1, 1] + 2 * tx * P[1, 2] + tx * tx * P[2, 2]
         gxy = cxy + P[0, 1] + tx * P[0, 2] - ty * P[1, 2] - tx * ty * P[2, 2]
-        sw = mx = my = vxx = vxy = vyy = 0.0
-        best = gate
-        # the Mahalanobis distance is at least e_x^2 / s_xx, and likewise in y
-        reach = math.sqrt(gate * (gxx + widest))
-        for j in range(np.searchsorted(xy_ref[:, 0], px - reach), len(xy_ref)):
-            ex, ey = xy_ref[j, 0] - px, xy_ref[j, 1] - py
-            if ex > reach:
-                break
-            sxx, syy = gxx + cov_ref[j, 0, 0], gyy + cov_ref[j, 1, 1]
-            if ex * ex >= best * sxx or ey * ey >= best * syy:
-                continue
-            sxy = gxy + cov_ref[j, 0, 1]
-            det = sxx * syy - sxy * sxy
-            d2 = (syy * ex * ex - 2 * sxy * ex * ey + sxx * ey * ey) / det
-            if d2 >= best:
-                continue
-            if nearest:
-                best, w = d2, 1.0
-                sw = mx = my = vxx = vxy = vyy = 0.0
-            else:
-                w = math.exp(-0.5 * d2) / math.sqrt(det)
-            sw += w
-            mx += w * ex
-            my += w * ey
-            vxx += w * (cov_ref[j, 0, 0] + ex * ex)
-            vxy += w * (cov_ref[j, 0, 1] + ex * ey)
-            vyy += w * (cov_ref[j, 1, 1] + ey * ey)
+        # the Mahalanobis distance is at least |e_x| / sqrt(s_xx)
+        m, n = window(ref, first, width, px, math.sqrt(gate * (gxx + widest)))
+        near = ref[0, m:n], ref[1, m:n], ref[2, m:n], ref[3, m:n], ref[4, m:n]
+        if nearest:
+            sums = nearest_partner(*near, px, py, gxx, gxy, gyy, gate)
+        else:
+            sums = mean_partner(*near, px, py, gxx, gxy, gyy, gate)
+        sw, mx, my, vxx, vxy, vyy = sums
         if sw <= 0.0:
             continue
         paired += 1
