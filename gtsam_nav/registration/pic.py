@@ -3,7 +3,7 @@
 Montesano, Minguez and Montano, *Probabilistic scan matching for motion estimation in unstructured
 environments* (IROS 2005), as used by Mallios et al. 2014; the covariance of the match is the closed
 form of Haralick (1998) and Censi (2007), with walls telling about the pose across themselves only.
-`register` runs the compiled loop of ``_pic_kernel``; `register_readable` is the same in plain
+`register` runs ``_pic_kernel`` and ``_pic_information``, compiled; `register_readable` is the same in plain
 NumPy, and the oracle of its tests.
 """
 
@@ -61,7 +61,8 @@ def register(
     PlanarMatch
         With a `failure` where points or overlap were too few or the solution was singular.
     """
-    from gtsam_nav.registration._pic_kernel import information, iterate
+    from gtsam_nav.registration._pic_information import information
+    from gtsam_nav.registration._pic_kernel import iterate
 
     if min(len(reference), len(new)) < 3:
         return _failed(prior, cov_prior, "fewer than three points")
@@ -198,7 +199,7 @@ def information_at(
     direction is a fit to these points; the variance of its lean lends the information along it a
     share that is taken off again. In H alone: M is the noise's own.
     """
-    from gtsam_nav.registration._pic_kernel import WALL_ELONGATION, WALL_EXTENT, WIDER
+    from gtsam_nav.registration._pic_information import WALL_ELONGATION, WALL_EXTENT, WIDER
 
     H, M = np.zeros((3, 3)), np.zeros((3, 3))
     B = planar_rotations(q[2])
