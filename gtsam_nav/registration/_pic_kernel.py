@@ -37,6 +37,7 @@ def iterate(
     gate: float,
     max_iterations: int,
     shrink: float,
+    gate_in_steps: float,
     scale_floor: float,
     cauchy_k: float,
     nearest: bool,
@@ -72,7 +73,10 @@ def iterate(
         settled = math.hypot(step[0], step[1]) < converged_m and abs(step[2]) < converged_rad
         if settled and scale <= scale_floor:
             break
-        scale = max(scale * shrink, scale_floor)
+        # the gate stays as wide as the pose still moves
+        whitened, _ = _solve3(cov_prior, step)
+        moved = gate_in_steps * gate_in_steps * np.dot(step, whitened)
+        scale = max(min(scale, max(scale * shrink, moved)), scale_floor)
     return q, paired, iteration
 
 

@@ -27,6 +27,9 @@ LEVER_M = 10.0
 OBSERVED_M, UNOBSERVED_M = 5.0, 100.0
 """A direction in which the points leave the pose more uncertain than the first is not observed: the
 match states the second there, which is no information."""
+GATE_IN_STEPS = 4.5
+"""While the pose moves, the prior's part in the gate stays as wide as this many times the last step:
+what still comes from far needs a gate that reaches far, what has come to rest needs none."""
 GATE_FLOOR_SCALE = 1e-3
 """The gate's share of the prior covariance never shrinks below this."""
 
@@ -76,6 +79,7 @@ def register(
         settings.gate,
         settings.max_iterations,
         settings.shrink,
+        GATE_IN_STEPS,
         GATE_FLOOR_SCALE,
         settings.cauchy_k,
         settings.association == "nearest",
@@ -137,7 +141,9 @@ def register_readable(
         settled = np.hypot(step[0], step[1]) < CONVERGED_M and abs(step[2]) < CONVERGED_RAD
         if settled and scale <= GATE_FLOOR_SCALE:
             break
-        scale = max(scale * settings.shrink, GATE_FLOOR_SCALE)
+        moved = GATE_IN_STEPS**2 * step @ np.linalg.solve(cov_prior, step)
+        scale = np.clip(moved, scale * settings.shrink, scale)
+        scale = max(float(scale), GATE_FLOOR_SCALE)
     H, M = information_at(reference, new, q, settings)
     return _judge(q, H, M, overlap, iterations, prior, cov_prior, settings)
 
