@@ -229,17 +229,16 @@ def _mean_partner(
 
 @numba.njit(cache=True, error_model="numpy", inline="always")
 def _decay(d2: float) -> float:
-    """``exp(-d2 / 2)``, to 3e-8 of itself for d2 below 10, in what is compiled to vectors.
+    """``exp(-d2 / 2)``, to 3e-10 of itself for d2 below 10, in what is compiled to vectors.
 
     By the series of its inverse, whose terms are all positive: it never grows, however large d2 is.
     """
-    t = d2 / 32.0
+    t = d2 / 64.0
     growth = 1 + t / 5 * (1 + t / 6 * (1 + t / 7))
     growth = 1 + t * (1 + t / 2 * (1 + t / 3 * (1 + t / 4 * growth)))
-    growth *= growth
-    growth *= growth
-    growth *= growth
-    return 1.0 / (growth * growth)
+    for _ in range(5):
+        growth *= growth
+    return 1.0 / growth
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -256,7 +255,7 @@ def _nearest_partner(
     gyy: float,
     gate: float,
 ) -> Sums:
-    """Sums over the nearest point within the gate, with weight one: `_mean_partner` of one point."""
+    """`_mean_partner` of one point: the nearest within the gate, with weight one."""
     best, nearest = gate, -1
     for j in range(len(x)):
         ex, ey = x[j] - px, y[j] - py

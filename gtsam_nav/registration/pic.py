@@ -3,8 +3,8 @@
 Montesano, Minguez and Montano, *Probabilistic scan matching for motion estimation in unstructured
 environments* (IROS 2005), as used by Mallios et al. 2014; the covariance of the match is the closed
 form of Haralick (1998) and Censi (2007), with walls telling about the pose across themselves only.
-`register` runs ``_pic_kernel`` and ``_pic_information``, compiled; `register_readable` is the same in plain
-NumPy, and the oracle of its tests.
+`register` runs the compiled ``_pic_kernel`` and ``_pic_information``; `register_readable` is the
+same in plain NumPy, and the oracle of their tests.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ OBSERVED_M, UNOBSERVED_M = 5.0, 100.0
 """A direction in which the points leave the pose more uncertain than the first is not observed: the
 match states the second there, which is no information."""
 GATE_IN_STEPS = 4.5
-"""While the pose moves, the prior's part in the gate stays as wide as this many times the last step:
-what still comes from far needs a gate that reaches far, what has come to rest needs none."""
+"""While the pose moves, the prior's part in the gate stays as wide as this many of its last steps:
+who still comes from far needs a gate that reaches far, who is at rest needs none."""
 GATE_FLOOR_SCALE = 1e-3
 """The gate's share of the prior covariance never shrinks below this."""
 
