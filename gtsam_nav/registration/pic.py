@@ -62,13 +62,14 @@ def register(
     Returns
     -------
     PlanarMatch
-        With a `failure` where points or overlap were too few or the solution was singular.
+        With a `failure` where points or overlap were too few, points not finite, or the solution
+        singular.
     """
     from gtsam_nav.registration._pic_information import information
     from gtsam_nav.registration._pic_kernel import iterate
 
-    if min(len(reference), len(new)) < 3:
-        return _failed(prior, cov_prior, "fewer than three points")
+    if reason := _unusable(reference, new):
+        return _failed(prior, cov_prior, reason)
     q, paired, iterations = iterate(
         reference.xy,
         reference.cov,
@@ -125,8 +126,8 @@ def register_readable(
     reference: Scan, new: Scan, prior: Array, cov_prior: Array, settings: PicSettings
 ) -> PlanarMatch:
     """`register` in plain NumPy: slower, and meant to be read."""
-    if min(len(reference), len(new)) < 3:
-        return _failed(prior, cov_prior, "fewer than three points")
+    if reason := _unusable(reference, new):
+        return _failed(prior, cov_prior, reason)
     q = np.array(prior, dtype=float)
     scale, iterations = 1.0, 0
     overlap = 0.0
@@ -235,6 +236,15 @@ def information_at(
         H += weight * J.T @ (W - lent) @ J
         M += weight**2 * J.T @ W @ J
     return H, M
+
+
+def _unusable(reference: Scan, new: Scan) -> str:
+    """Why these scans cannot be registered; empty where they can."""
+    if min(len(reference), len(new)) < 3:
+        return "fewer than three points"
+    if not (np.isfinite(reference.xy).all() and np.isfinite(new.xy).all()):
+        return "points that are not finite"
+    return ""
 
 
 def _judge(
