@@ -47,10 +47,19 @@ def near_relations(mission: Mission) -> Relations:
 
 def registered(mission: Mission, relations: Relations, config: Config) -> RelationErrors | None:
     """Errors of relative poses by pIC from odometry; where it fails the odometry's counts."""
-    sensor = mission.sensors[relations.sensor]
     trajectory = gn.estimate(mission, "dr", config).trajectory
     inside = np.clip(relations.t, trajectory.t[0], trajectory.t[-1])
     found = between(*(planar_poses(trajectory, t) for t in inside.T))
+    for n, (a, b) in enumerate(scans_of(mission, relations)):
+        match = register(a, b, found[n], np.diag(ODOMETRY_SPREAD**2), config.pic)
+        if match.ok:
+            found[n] = match.q
+    return RelationErrors.of(found - relations.q)
+
+
+def scans_of(mission: Mission, relations: Relations) -> list[tuple[Scan, Scan]]:
+    """The two scans of each relation."""
+    sensor = mission.sensors[relations.sensor]
     echoes = echoes_of_scans(sensor)
     first = np.searchsorted(echoes.beam, np.arange(len(sensor.series) + 1))
 
@@ -58,11 +67,7 @@ def registered(mission: Mission, relations: Relations, config: Config) -> Relati
         own = slice(first[k], first[k + 1])
         return Scan(float(sensor.series.t[k]), echoes.xy_b[own], echoes.cov_b[own])
 
-    for n, (a, b) in enumerate(nearest(sensor.series.t, relations.t).tolist()):
-        match = register(scan(a), scan(b), found[n], np.diag(ODOMETRY_SPREAD**2), config.pic)
-        if match.ok:
-            found[n] = match.q
-    return RelationErrors.of(found - relations.q)
+    return [(scan(a), scan(b)) for a, b in nearest(sensor.series.t, relations.t).tolist()]
 
 
 def nearest(t: Array, wanted: Array) -> IntArray:

@@ -1,8 +1,9 @@
-"""How fast it is: ``python -m benchmarks.speed [--stpere PATH] [--only SECTION ...] [--check]``.
+"""How fast it is: ``python -m benchmarks.speed [--stpere PATH] [--aces PATH] [--check]``.
 
-Sections: startup, graphs (against the barest GTSAM script), preintegration (against a bare loop),
-pose_graphs (city10000, and those of ``--pose-graph``), growth; with ``--stpere`` also stages (of
-that mission) and registration (against small_gicp and Open3D, extra ``benchmark``). Each
+Sections, all or those after ``--only``: startup, graphs (against the barest GTSAM script),
+preintegration (against a bare loop), pose_graphs (city10000, those of ``--pose-graph``), growth;
+with ``--stpere`` also stages (of that mission) and registration (against small_gicp and Open3D,
+extra ``benchmark``); with ``--aces`` registration_aces, the same on a laser's scans. Each
 comparison is made in one process on the same input; figures are medians, ratios are compared with
 ``benchmarks/speed_baseline.json``.
 """
@@ -23,7 +24,8 @@ from benchmarks.acceptance import STPERE, STPERE_SCORED
 from benchmarks.speed import baseline
 from benchmarks.speed.timing import in_process
 
-NEED_STPERE = ("stages", "registration")
+NEEDED = {"stages": "stpere", "registration": "stpere", "registration_aces": "aces"}
+"""Sections that need a folder, and the argument that gives it."""
 
 
 def sections(arguments: argparse.Namespace) -> dict[str, Callable[[], dict[str, Any]]]:
@@ -67,7 +69,12 @@ def sections(arguments: argparse.Namespace) -> dict[str, Callable[[], dict[str, 
     def registration() -> dict[str, Any]:
         from benchmarks.speed import registration
 
-        return registration.measure(arguments.stpere, arguments.repeats)
+        return registration.measure(registration.stpere_pairs(arguments.stpere), arguments.repeats)
+
+    def registration_aces() -> dict[str, Any]:
+        from benchmarks.speed import registration
+
+        return registration.measure(registration.aces_pairs(arguments.aces), arguments.repeats)
 
     return {
         "startup": startup,
@@ -76,6 +83,7 @@ def sections(arguments: argparse.Namespace) -> dict[str, Callable[[], dict[str, 
         "pose_graphs": pose_graphs,
         "stages": stages,
         "registration": registration,
+        "registration_aces": registration_aces,
         "growth": growth,
     }
 
@@ -94,6 +102,7 @@ def main() -> int:
     """Measure, print, write and compare; returns the exit code."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.speed", description=__doc__)
     parser.add_argument("--stpere", type=Path, help="folder of the St. Pere logs with pairs.csv")
+    parser.add_argument("--aces", type=Path, help="folder of the ACES log and its relations")
     parser.add_argument("--only", nargs="+", metavar="SECTION", help="measure no others")
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument(
@@ -107,11 +116,12 @@ def main() -> int:
     parser.add_argument("--update", action="store_true", help="make these ratios the baseline")
     arguments = parser.parse_args()
     known = sections(arguments)
-    chosen = arguments.only or [s for s in known if arguments.stpere or s not in NEED_STPERE]
+    lacking = {name for name, folder in NEEDED.items() if getattr(arguments, folder) is None}
+    chosen = arguments.only or [name for name in known if name not in lacking]
     if unknown := set(chosen) - set(known):
         parser.error(f"unknown section {min(unknown)}; the choices are: {', '.join(known)}")
-    if arguments.stpere is None and set(chosen) & set(NEED_STPERE):
-        parser.error(f"{' and '.join(NEED_STPERE)} need --stpere")
+    if refused := lacking & set(chosen):
+        parser.error(f"{min(refused)} needs --{NEEDED[min(refused)]}")
     document: dict[str, Any] = {
         "machine": {
             "processor": platform.processor() or platform.machine(),

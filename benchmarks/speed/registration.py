@@ -1,4 +1,6 @@
-"""pIC against small_gicp and Open3D on the St. Pere pairs, from starts of three spreads.
+"""pIC against small_gicp and Open3D on pairs of scans, from starts of three spreads.
+
+The pairs are those of St. Pere's ``pairs.csv``, or consecutive scans of the ACES laser log.
 
 All get the same point sets and starts, and one thread (``OMP_NUM_THREADS=1`` for Open3D's). Times
 are the processor's, per pair, with everything that a method makes of the points: covariances,
@@ -21,12 +23,14 @@ from typing import Any
 import numpy as np
 
 import gtsam_nav as gn
+from benchmarks.aces import near_relations, scans_of
 from benchmarks.pairs import START_ERRORS, SUCCESS_DEG, SUCCESS_M, ScanPair, load_pairs
 from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.registration.pic import register
 
 DISTANCES_M = (2.0, 5.0, 10.0)
 MAX_ITERATIONS = 50
+ACES_PAIRS = 200
 LAYERS_M = (-1.0, 0.0, 1.0)
 
 Align = Callable[[ScanPair, Array, Array], Array | None]
@@ -43,10 +47,25 @@ class Registered:
     distance_m: float | None = None
 
 
-def measure(stpere: Path, repeats: int, most_pairs: int | None = None) -> dict[str, Any]:
+def stpere_pairs(folder: Path) -> list[ScanPair]:
+    """The pairs of ``pairs.csv``."""
+    return load_pairs(folder, gn.load_config())
+
+
+def aces_pairs(folder: Path) -> list[ScanPair]:
+    """Of the surveyed relations between scans that follow each other, evenly chosen ones."""
+    log = gn.open_mission(folder / "aces.clf.bz2")
+    if log.relations is None:
+        raise SystemExit(f"{folder}: aces.relations is missing")
+    near = near_relations(log)
+    chosen = np.linspace(0, len(near.t) - 1, ACES_PAIRS).round().astype(int)
+    scans = scans_of(log, near)
+    return [ScanPair(*scans[k], near.q[k]) for k in chosen]
+
+
+def measure(pairs: list[ScanPair], repeats: int) -> dict[str, Any]:
     """Time, success and median error by method and spread."""
     config = gn.load_config()
-    pairs = load_pairs(stpere, config)[:most_pairs]
 
     def pic(pair: ScanPair, prior: Array, cov: Array) -> Array | None:
         match = register(pair.reference, pair.new, prior, cov, config.pic)

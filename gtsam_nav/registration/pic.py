@@ -3,8 +3,8 @@
 Montesano, Minguez and Montano, *Probabilistic scan matching for motion estimation in unstructured
 environments* (IROS 2005), as used by Mallios et al. 2014; the covariance of the match is the closed
 form of Haralick (1998) and Censi (2007), with walls telling about the pose across themselves only.
-`register` runs the compiled loop of ``_pic_kernel``; `register_readable` is the same in plain
-NumPy, and the oracle of its tests.
+`register` runs the compiled ``_pic_kernel`` and ``_pic_information``; `register_readable` is the
+same in plain NumPy, and the oracle of their tests.
 """
 
 from __future__ import annotations
@@ -27,6 +27,9 @@ LEVER_M = 10.0
 OBSERVED_M, UNOBSERVED_M = 5.0, 100.0
 """A direction in which the points leave the pose more uncertain than the first is not observed: the
 match states the second there, which is no information."""
+GATE_IN_STEPS = 4.5
+"""While the pose moves, the prior's part in the gate stays as wide as this many of its last steps:
+who still comes from far needs a gate that reaches far, who is at rest needs none."""
 GATE_FLOOR_SCALE = 1e-3
 """The gate's share of the prior covariance never shrinks below this."""
 
@@ -59,12 +62,14 @@ def register(
     Returns
     -------
     PlanarMatch
-        With a `failure` where points or overlap were too few or the solution was singular.
+        With a `failure` where points or overlap were too few, points not finite, or the solution
+        singular.
     """
-    from gtsam_nav.registration._pic_kernel import information, iterate
+    from gtsam_nav.registration._pic_information import information
+    from gtsam_nav.registration._pic_kernel import iterate
 
-    if min(len(reference), len(new)) < 3:
-        return _failed(prior, cov_prior, "fewer than three points")
+    if reason := _unusable(reference, new):
+        return _failed(prior, cov_prior, reason)
     q, paired, iterations = iterate(
         reference.xy,
         reference.cov,
@@ -75,6 +80,7 @@ def register(
         settings.gate,
         settings.max_iterations,
         settings.shrink,
+        GATE_IN_STEPS,
         GATE_FLOOR_SCALE,
         settings.cauchy_k,
         settings.association == "nearest",
@@ -120,8 +126,8 @@ def register_readable(
     reference: Scan, new: Scan, prior: Array, cov_prior: Array, settings: PicSettings
 ) -> PlanarMatch:
     """`register` in plain NumPy: slower, and meant to be read."""
-    if min(len(reference), len(new)) < 3:
-        return _failed(prior, cov_prior, "fewer than three points")
+    if reason := _unusable(reference, new):
+        return _failed(prior, cov_prior, reason)
     q = np.array(prior, dtype=float)
     scale, iterations = 1.0, 0
     overlap = 0.0
@@ -136,7 +142,9 @@ def register_readable(
         settled = np.hypot(step[0], step[1]) < CONVERGED_M and abs(step[2]) < CONVERGED_RAD
         if settled and scale <= GATE_FLOOR_SCALE:
             break
-        scale = max(scale * settings.shrink, GATE_FLOOR_SCALE)
+        moved = GATE_IN_STEPS**2 * step @ np.linalg.solve(cov_prior, step)
+        scale = np.clip(moved, scale * settings.shrink, scale)
+        scale = max(float(scale), GATE_FLOOR_SCALE)
     H, M = information_at(reference, new, q, settings)
     return _judge(q, H, M, overlap, iterations, prior, cov_prior, settings)
 
@@ -198,7 +206,7 @@ def information_at(
     direction is a fit to these points; the variance of its lean lends the information along it a
     share that is taken off again. In H alone: M is the noise's own.
     """
-    from gtsam_nav.registration._pic_kernel import WALL_ELONGATION, WALL_EXTENT, WIDER
+    from gtsam_nav.registration._pic_information import WALL_ELONGATION, WALL_EXTENT, WIDER
 
     H, M = np.zeros((3, 3)), np.zeros((3, 3))
     B = planar_rotations(q[2])
@@ -228,6 +236,15 @@ def information_at(
         H += weight * J.T @ (W - lent) @ J
         M += weight**2 * J.T @ W @ J
     return H, M
+
+
+def _unusable(reference: Scan, new: Scan) -> str:
+    """Why these scans cannot be registered; empty where they can."""
+    if min(len(reference), len(new)) < 3:
+        return "fewer than three points"
+    if not (np.isfinite(reference.xy).all() and np.isfinite(new.xy).all()):
+        return "points that are not finite"
+    return ""
 
 
 def _judge(

@@ -21,7 +21,8 @@ class PicSettings(Settings):
         Chi-square gate (2 degrees of freedom) of the association.
     max_iterations : int
     shrink : float
-        Factor on the prior covariance in the gate after each iteration.
+        Least factor on the prior covariance in the gate from one iteration to the next; while the
+        pose moves the gate shrinks less.
     cauchy_k : float
         Scale of the Cauchy weight on the whitened residual.
     wall_radius_m : float
@@ -35,7 +36,7 @@ class PicSettings(Settings):
     association: Literal["mean", "nearest"] = "mean"
     gate: float = Field(default=5.99, gt=0)
     max_iterations: int = Field(default=60, ge=1)
-    shrink: float = Field(default=0.6, gt=0, le=1)
+    shrink: float = Field(default=0.4, gt=0, le=1)
     cauchy_k: float = Field(default=1.5, gt=0)
     wall_radius_m: float = Field(default=3.0, gt=0)
     min_overlap: float = Field(default=0.4, ge=0, le=1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gtsam_nav.frames import Array, wrap_angle
-from gtsam_nav.registration._pic_kernel import information
+from gtsam_nav.registration._pic_information import information
+from gtsam_nav.registration._pic_kernel import _decay, _strips, _window
 from gtsam_nav.registration.pic import (
     Pairing,
     associate,
@@ -82,6 +85,84 @@ def test_compiled_loop_equals_readable_one(association: str, seed: int) -> None:
 
 
 @pytest.mark.parametrize("association", ["mean", "nearest"])
+@pytest.mark.parametrize("gate", [5.99, 20.0])
+@pytest.mark.parametrize("n", [3, 15, 16, 17, 33])
+def test_compiled_loop_equals_readable_one_at_any_number_of_points(
+    association: str, gate: float, n: int
+) -> None:
+    """The compiled loop takes points in strips, and many at once."""
+    reference, new, q = random_pair(n)
+    few = Scan(0.0, reference.xy[:n], reference.cov[:n])
+    # so few of the points never come to rest, and what differs grows with each iteration
+    chosen = {"association": association, "gate": gate, "max_iterations": 10}
+    pic = PicSettings.model_validate(chosen)
+    compiled = register(few, new, q, PRIOR_COV, pic)
+    readable = register_readable(few, new, q, PRIOR_COV, pic)
+    assert compiled.failure == readable.failure
+    assert compiled.iterations == readable.iterations
+    assert compiled.overlap == readable.overlap
+    np.testing.assert_allclose(compiled.q, readable.q, atol=1e-7)
+
+
+@given(seed=st.integers(0, 10_000), n=st.integers(1, 60), spread=st.sampled_from([0.0, 1e-9, 30.0]))
+def test_a_window_holds_all_points_within_reach(seed: int, n: int, spread: float) -> None:
+    rng = np.random.default_rng(seed)
+    ref = np.zeros((5, n))
+    # rounded, so that points share an x
+    ref[0] = np.sort(np.round(rng.normal(scale=spread, size=n), 1)) + 100.0
+    first, width = _strips(ref[0])
+    for x, reach in zip(rng.normal(100.0, 40.0, 20), rng.exponential(5.0, 20), strict=True):
+        begin, end = _window(ref, first, width, x, reach)
+        assert 0 <= begin <= end <= n
+        within = np.flatnonzero(np.abs(ref[0] - x) <= reach)
+        assert np.all((within >= begin) & (within < end))
+    # where there is no place, nothing is read beyond the points
+    begin, end = _window(ref, first, width, np.nan, 1.0)
+    assert 0 <= begin <= end <= n
+
+
+def test_the_decay_of_weights_is_exponential_and_never_grows() -> None:
+    d2 = np.linspace(0.0, 10.0, 101)
+    decay = np.array([_decay(each) for each in d2])
+    np.testing.assert_allclose(decay, np.exp(-0.5 * d2), rtol=3e-10)
+    far = [_decay(each) for each in (10.0, 1e2, 1e3, 1e5, 1e300, np.inf)]
+    assert np.all(np.diff(far) <= 0.0)
+    assert far[-1] == 0.0
+
+
+def basin(rng: np.random.Generator) -> Array:
+    """The walls of a basin with a pier in it, seen with noise and gaps."""
+    corners = [(-12, 6), (-12, -8), (14, -8), (14, 10), (3, 10), (3, 4)]
+    share = np.linspace(0.0, 1.0, 20)[:, None]
+    walls = [a + share * (b - a) for a, b in itertools.pairwise(np.array(corners, float))]
+    seen = np.concatenate(walls)[rng.uniform(size=100) < 0.5]
+    return np.asarray(seen + rng.normal(scale=SIGMA_M, size=seen.shape))
+
+
+def found_from_afar(seeds: Iterable[int]) -> int:
+    """How many pairs are found from starts with errors of 4 m and 20 deg."""
+    sigma = np.array([4.0, 4.0, np.radians(20.0)])
+    found = 0
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        q = np.array([*rng.normal(size=2), rng.normal(scale=0.1)])
+        scans = scan_of(basin(rng)), scan_of(seen_from(basin(rng), q))
+        prior = q + rng.normal(size=3) * sigma
+        match = register(*scans, prior, np.diag(sigma**2), PicSettings())
+        found += match.ok and bool(np.hypot(*(match.q - q)[:2]) < 0.3)
+    return found
+
+
+def test_a_gate_that_stays_wide_while_the_pose_moves_finds_what_one_that_closes_misses(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    seeds = (13, 23, 27, 37, 44)
+    assert found_from_afar(seeds) >= 4
+    monkeypatch.setattr("gtsam_nav.registration.pic.GATE_IN_STEPS", 0.0)
+    assert found_from_afar(seeds) <= 1
+
+
+@pytest.mark.parametrize("association", ["mean", "nearest"])
 @given(
     x=st.floats(-0.4, 0.4), y=st.floats(-0.4, 0.4), yaw_deg=st.floats(-4, 4), turn=st.floats(-3, 3)
 )
@@ -101,6 +182,18 @@ def test_exact_pose_of_noise_free_points(
     assert match.iterations < pic.max_iterations / 2
     np.testing.assert_allclose(match.q[:2], q[:2], atol=2e-3)
     assert abs(wrap_angle(match.q[2] - q[2])) < 2e-4
+
+
+@pytest.mark.parametrize("function", [register, register_readable])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("which", [0, 1])
+def test_points_that_are_not_finite_are_told(function: object, bad: float, which: int) -> None:
+    assert callable(function)
+    clouds = [corner(), corner()]
+    clouds[which][7, 0] = bad
+    match = function(*map(scan_of, clouds), np.zeros(3), PRIOR_COV, PicSettings())
+    assert "not finite" in match.failure
+    np.testing.assert_array_equal(match.cov, PRIOR_COV)
 
 
 def test_yaw_is_wrapped() -> None:
