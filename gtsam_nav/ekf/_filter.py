@@ -33,7 +33,7 @@ def run(
     accel_variance: Array,
     restart_after: BoolArray,
     restarted: IntArray,
-) -> tuple[Array, Array, Array, BoolArray]:
+) -> tuple[Array, Array, Array, Array, BoolArray]:
     """Go through the events of ``constant_velocity.events``: n records, the rest measurements.
 
     Returns
@@ -42,9 +42,12 @@ def run(
     P : ndarray, shape (n, 8, 8)
     nis : ndarray, shape (m,)
         Normalised innovation squared of every measurement, used or not.
+    whitened : ndarray, shape (m, 4)
+        Its innovation in uncorrelated standard deviations; zero beyond its size.
     used : ndarray of bool, shape (m,)
     """
     x_record, P_record, nis = np.empty((n, 8)), np.empty((n, 8, 8)), np.empty(len(first))
+    whitened = np.zeros((len(first), 4))
     x, P, x_new, P_new = np.empty(8), np.empty((8, 8)), np.empty(8), np.empty((8, 8))
     G = np.zeros((4, 8))
     used, refused = np.zeros(len(first), dtype=np.bool_), np.zeros(8, dtype=np.int64)
@@ -62,17 +65,17 @@ def run(
             continue
         k = event[j] - n
         _copy(x, P, x_new, P_new)
-        nis[k] = _update(x_new, P_new, first[k], size[k], value[k], variance[k])
+        nis[k] = _update(x_new, P_new, first[k], size[k], value[k], variance[k], whitened[k])
         if nis[k] > gate[size[k]] and refused[first[k]] >= PATIENCE:
             _copy(x, P, x_new, P_new)
             _doubt(x_new, P_new, G, now - fitted_s[first[k]], first[k], size[k], value[k])
-            nis[k] = _update(x_new, P_new, first[k], size[k], value[k], variance[k])
+            nis[k] = _update(x_new, P_new, first[k], size[k], value[k], variance[k], whitened[k])
         used[k] = nis[k] <= gate[size[k]]
         refused[first[k]] = 0 if used[k] else refused[first[k]] + 1
         if used[k]:
             x, P, x_new, P_new = x_new, P_new, x, P
             fitted_s[first[k]] = now
-    return x_record, P_record, nis, used
+    return x_record, P_record, nis, whitened, used
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -139,7 +142,9 @@ def _predict(x: Array, P: Array, G: Array, dt: float, accel_variance: Array) -> 
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _update(x: Array, P: Array, first: int, size: int, value: Array, variance: Array) -> float:
+def _update(
+    x: Array, P: Array, first: int, size: int, value: Array, variance: Array, whitened: Array
+) -> float:
     """Update in place, entry by entry; the terms of the normalised innovation add up."""
     nis = 0.0
     for e in range(size):
@@ -147,6 +152,7 @@ def _update(x: Array, P: Array, first: int, size: int, value: Array, variance: A
         innovation, S = value[e] - x[h], P[h, h] + variance[e]
         if h == 3:
             innovation = _wrap(innovation)
+        whitened[e] = innovation / math.sqrt(S)
         nis += innovation * innovation / S
         column = P[:, h].copy()
         for i in range(8):

@@ -84,7 +84,7 @@ class AugmentedState:
         self._P[new, new] = 0.5 * (own + own.T)
         self._n += 1
 
-    def update(self, a: int, b: int, q: Array, cov: Array, gate: float) -> float:
+    def update(self, a: int, b: int, q: Array, cov: Array, gate: float) -> Array:
         """Correct all poses by a measurement of pose b in pose a.
 
         Parameters
@@ -96,9 +96,9 @@ class AugmentedState:
 
         Returns
         -------
-        float
-            Normalised innovation squared; infinite where its covariance is singular. The state is
-            what it was where this exceeds the gate.
+        ndarray, shape (3,)
+            The innovation in uncorrelated standard deviations; infinite where its covariance is
+            singular. The state is what it was where the sum of its squares exceeds the gate.
         """
         from gtsam_nav.ekf._rank_six import subtract_symmetric
 
@@ -110,16 +110,16 @@ class AugmentedState:
         S = J_a @ PHt[_of(a)] + J_b @ PHt[_of(b)] + cov
         S = 0.5 * (S + S.T)
         if not _is_invertible(S):
-            return np.inf
-        nis = float(innovation @ np.linalg.solve(S, innovation))
-        if not nis <= gate:
-            return nis
+            return np.full(3, np.inf)
+        whitened: Array = np.linalg.solve(np.linalg.cholesky(S), innovation)
+        if not whitened @ whitened <= gate:
+            return whitened
         K: Array = np.ascontiguousarray(np.linalg.solve(S, PHt.T).T)
         self._x[:size] += K @ innovation
         self._x[2:size:3] = wrap_angle(self._x[2:size:3])
         # Joseph's (I - K H) P (I - K H)' + K R K' is P - K (P H')' - (P H') K' + K S K'
         subtract_symmetric(self._P, PHt - 0.5 * K @ S, K)
-        return nis
+        return whitened
 
 
 def _of(k: int) -> slice:

@@ -54,9 +54,9 @@ class ConsideredErrors:
         )
 
     @property
-    def constant_heading(self) -> ConsideredErrors:
-        """The constant error of the heading alone."""
-        return ConsideredErrors(self.heading, 0.0, 1.0, 0.0, 0.0)
+    def constant(self) -> ConsideredErrors:
+        """The constant ones alone."""
+        return replace(self, disturbance=0.0)
 
 
 def with_considered(track: Trajectory, errors: ConsideredErrors) -> Trajectory:

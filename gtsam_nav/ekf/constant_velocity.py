@@ -72,12 +72,14 @@ class Restarts:
 @dataclass(frozen=True)
 class Filtered:
     """States (n, 8) and covariances (n, 8, 8) at the times asked for, and what became of each
-    measurement: its normalised innovation squared (m,) and whether it passed the gate (m,)."""
+    measurement: its normalised innovation squared (m,), the innovation in uncorrelated standard
+    deviations (m, 4), zero beyond its size, and whether it passed the gate (m,)."""
 
     t: Array
     x: Array
     P: Array
     nis: Array
+    whitened: Array
     used: BoolArray
 
 
@@ -109,7 +111,7 @@ def run(
     from gtsam_nav.ekf import _filter
 
     z, restarts = measurements, restarts or _no_restarts(t)
-    x, P, nis, used = _filter.run(
+    x, P, nis, whitened, used = _filter.run(
         *events(z, t),
         len(t),
         z.first,
@@ -124,7 +126,7 @@ def run(
         restarts.after,
         restarts.entries,
     )
-    return Filtered(t, x, P, nis, used)
+    return Filtered(t, x, P, nis, whitened, used)
 
 
 def events(z: Measurements, t: Array) -> tuple[Array, IntArray]:
@@ -153,7 +155,7 @@ def run_readable(
     now, x, P = start.t, start.x, start.P
     x_record, P_record = np.empty((len(t), 8)), np.empty((len(t), 8, 8))
     nis, used, refused = np.empty(len(z)), np.zeros(len(z), dtype=bool), np.zeros(8, dtype=int)
-    fitted_s = np.full(8, start.t)
+    fitted_s, whitened = np.full(8, start.t), np.zeros((len(z), 4))
     for then, event in zip(*events(z, t), strict=True):
         x, P = predict(x, P, then - now, accel_variance)
         now = then
@@ -166,16 +168,18 @@ def run_readable(
         k, size = event - len(t), z.size[event - len(t)]
         entries = z.first[k] + np.arange(size)
         value, variance = z.value[k, :size], z.variance[k, :size]
-        x_new, P_new, nis[k] = update(x, P, entries, value, variance)
+        x_new, P_new, whitened[k, :size] = update(x, P, entries, value, variance)
+        nis[k] = whitened[k] @ whitened[k]
         if nis[k] > gate[size] and refused[z.first[k]] >= PATIENCE:
             doubted = doubt(x, P, entries, value, now - fitted_s[z.first[k]])
-            x_new, P_new, nis[k] = update(x, doubted, entries, value, variance)
+            x_new, P_new, whitened[k, :size] = update(x, doubted, entries, value, variance)
+            nis[k] = whitened[k] @ whitened[k]
         used[k] = nis[k] <= gate[size]
         refused[z.first[k]] = 0 if used[k] else refused[z.first[k]] + 1
         if used[k]:
             x, P = x_new, P_new
             fitted_s[z.first[k]] = now
-    return Filtered(t, x_record, P_record, nis, used)
+    return Filtered(t, x_record, P_record, nis, whitened, used)
 
 
 def predict(x: Array, P: Array, dt: float, accel_variance: Array) -> tuple[Array, Array]:
@@ -220,15 +224,15 @@ def doubt(x: Array, P: Array, entries: IntArray, value: Array, elapsed_s: float)
 
 def update(
     x: Array, P: Array, entries: IntArray, value: Array, variance: Array
-) -> tuple[Array, Array, float]:
-    """Kalman update in Joseph form, and the normalised innovation squared."""
+) -> tuple[Array, Array, Array]:
+    """Kalman update in Joseph form, and the innovation in uncorrelated standard deviations."""
     H = np.eye(8)[entries]
     innovation = value - x[entries]
     innovation = np.where(entries == YAW, wrap_angle(innovation), innovation)
-    S_inverse = np.linalg.inv(H @ P @ H.T + np.diag(variance))
-    K = P @ H.T @ S_inverse
+    S = H @ P @ H.T + np.diag(variance)
+    K = P @ H.T @ np.linalg.inv(S)
     x = x + K @ innovation
     x[YAW] = wrap_angle(x[YAW])
     left = np.eye(8) - K @ H
     P = left @ P @ left.T + (K * variance) @ K.T
-    return x, P, float(innovation @ S_inverse @ innovation)
+    return x, P, np.linalg.solve(np.linalg.cholesky(S), innovation)

@@ -60,14 +60,16 @@ class DeadReckoned:
 
     @property
     def innovations(self) -> dict[str, Innovations]:
-        """Normalised innovations squared of what was used, by sensor."""
+        """Of what was used, by sensor."""
         z, filtered = self.measurements, self.filtered
         used = {k: np.flatnonzero(filtered.used & (z.sensor == k)) for k in range(len(z.names))}
-        return {
-            z.names[k]: Innovations(z.t[own], filtered.nis[own], int(z.size[own[0]]))
-            for k, own in used.items()
-            if len(own)
-        }
+        found = {}
+        for k, own in used.items():
+            if len(own):
+                size = int(z.size[own[0]])
+                whitened = filtered.whitened[own, :size]
+                found[z.names[k]] = Innovations(z.t[own], filtered.nis[own], size, whitened)
+        return found
 
 
 def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:

@@ -182,12 +182,17 @@ class LandmarkFilter:
             noise,
         )
 
-    def update(self, measured: Array, noise: Array, landmarks: IntArray) -> None:
+    def update(self, measured: Array, noise: Array, landmarks: IntArray) -> Array:
         """Correct all by sightings of now, (s, m) with covariances (s, m, m), of known landmarks.
 
         An iterated update: where the correction is so large that the sightings are not linear over
         it (a landmark that is near, a course long unobserved), they are linearised again at its
         end. Bell and Cathey, IEEE Trans. Automatic Control 38(2), 1993.
+
+        Returns
+        -------
+        ndarray, shape (s, m)
+            The innovations of all together in uncorrelated standard deviations.
 
         Raises
         ------
@@ -200,6 +205,7 @@ class LandmarkFilter:
         R = block.reshape(n * m, n * m)
         sigma = np.sqrt(np.diag(R))
         residual, H = self._predicted(measured, landmarks)
+        whitened = np.linalg.solve(self._innovation_root(H, R), -residual)
         error: Array = np.zeros(len(self.P))
         for _ in range(MOST_ITERATIONS):
             K = self._gain(H, R)
@@ -211,6 +217,7 @@ class LandmarkFilter:
             if np.all(np.abs(residual - expected) < NONLINEAR_SIGMAS * sigma):
                 break
         self._contract(K, used, R, error)
+        return np.asarray(whitened.reshape(n, m))
 
     def _predicted(self, measured: Array, landmarks: IntArray) -> tuple[Array, Array]:
         """Stacked residual and Jacobian of sightings at the state as it stands."""
@@ -232,10 +239,13 @@ class LandmarkFilter:
         self._contract(K, H, R, error)
 
     def _gain(self, H: Array, R: Array) -> Array:
-        PHt = self.P @ H.T
-        S = H @ PHt + R
-        L = np.linalg.cholesky(0.5 * (S + S.T))
+        L, PHt = self._innovation_root(H, R), self.P @ H.T
         return np.asarray(np.linalg.solve(L.T, np.linalg.solve(L, PHt.T)).T)
+
+    def _innovation_root(self, H: Array, R: Array) -> Array:
+        """Lower triangular root of the innovation covariance."""
+        S = H @ (self.P @ H.T) + R
+        return np.asarray(np.linalg.cholesky(0.5 * (S + S.T)))
 
     def _move(self, error: Array) -> None:
         n = self.vehicle.size

@@ -166,11 +166,12 @@ def _run(
 def _innovations(
     sensor: Sensor, slam: LandmarkFilter, sightings: SightingUpdates, aids: AidUpdates | None
 ) -> dict[str, Innovations]:
-    """Normalised innovations squared of what was used, by sensor."""
+    """Of what was used, by sensor."""
     found = {} if aids is None else aids.innovations()
-    t, nis = sightings.nis()
-    if len(nis):
-        found[sensor.name] = Innovations(t, nis, slam.axes)
+    if sightings.used:
+        whitened = np.array([innovation for _, innovation in sightings.used])
+        t, nis = np.array([t for t, _ in sightings.used]), np.sum(whitened**2, axis=1)
+        found[sensor.name] = Innovations(t, nis, slam.axes, whitened)
     return found
 
 

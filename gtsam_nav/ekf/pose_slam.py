@@ -90,11 +90,12 @@ class PoseFilter:
         if not match.ok:
             return ScanMatch(a, b, match, match.failure)
         gate = chi2_limit(self._settings.gate_probability, 3)
-        nis = self.state.update(a, b, match.q, match.cov, gate)
-        if nis <= gate:
-            return ScanMatch(a, b, match, "", nis)
-        reason = "innovation gate" if np.isfinite(nis) else "singular innovation covariance"
-        return ScanMatch(a, b, match, reason, nis)
+        whitened = self.state.update(a, b, match.q, match.cov, gate)
+        if whitened @ whitened <= gate:
+            return ScanMatch(a, b, match, "", whitened)
+        possible = np.all(np.isfinite(whitened))
+        reason = "innovation gate" if possible else "singular innovation covariance"
+        return ScanMatch(a, b, match, reason, whitened)
 
 
 def loop_candidates(poses: Array, radius_m: float) -> list[int]:

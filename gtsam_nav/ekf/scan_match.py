@@ -65,9 +65,11 @@ def match_consecutive(track: ScanTrack, k: int, config: Config) -> ScanMatch:
     match = register_scans(track, k - 1, k, prior, cov_prior, config.pic)
     if not match.ok:
         return ScanMatch(k - 1, k, match, match.failure)
-    nis = _normalised(match.q - prior, cov_prior + match.cov)
-    contradicts = nis > chi2_limit(config.pose_ekf.gate_probability, 3)
-    return ScanMatch(k - 1, k, match, "innovation gate" if contradicts else "", nis)
+    difference = match.q - prior
+    difference[2] = wrap_angle(difference[2])
+    whitened: Array = np.linalg.solve(np.linalg.cholesky(cov_prior + match.cov), difference)
+    contradicts = whitened @ whitened > chi2_limit(config.pose_ekf.gate_probability, 3)
+    return ScanMatch(k - 1, k, match, "innovation gate" if contradicts else "", whitened)
 
 
 def completed(match: PlanarMatch, prior: Array, cov_prior: Array) -> tuple[Array, Array]:
@@ -79,8 +81,3 @@ def completed(match: PlanarMatch, prior: Array, cov_prior: Array) -> tuple[Array
     gain = np.linalg.solve(cov_prior + match.cov, cov_prior).T
     cov = cov_prior - gain @ cov_prior
     return prior + gain @ difference, 0.5 * (cov + cov.T)
-
-
-def _normalised(difference: Array, S: Array) -> float:
-    difference = np.append(difference[:2], wrap_angle(difference[2]))
-    return float(difference @ np.linalg.solve(S, difference))

@@ -22,18 +22,31 @@ SEARCH_CAP = np.array([4.0, 4.0, np.radians(20.0)])
 
 @dataclass(frozen=True)
 class ScanMatch:
-    """A registration of scan b to scan a; ``reason`` says why it was not used, empty if it was."""
+    """A registration of scan b to scan a.
+
+    Attributes
+    ----------
+    reason : str
+        Why it was not used, empty if it was.
+    whitened : ndarray, shape (3,), or None
+        The innovation in uncorrelated standard deviations, where it came to that.
+    """
 
     a: int
     b: int
     match: PlanarMatch
     reason: str
-    nis: float = np.nan
+    whitened: Array | None = None
 
     @property
     def accepted(self) -> bool:
         """Whether the match was used."""
         return not self.reason
+
+    @property
+    def nis(self) -> float:
+        """Normalised innovation squared; not a number where there is none."""
+        return np.nan if self.whitened is None else float(self.whitened @ self.whitened)
 
     def as_loop(self, track: ScanTrack) -> LoopClosure:
         """For the record of candidates."""

@@ -58,7 +58,8 @@ def scan_solution(
     innovations = dict(track.reckoned.innovations)
     if used:
         t, nis = np.array([track.t[m.b] for m in used]), np.array([m.nis for m in used])
-        innovations[track.instrument.name] = Innovations(t, nis, 3)
+        whitened = np.array([m.whitened for m in used])
+        innovations[track.instrument.name] = Innovations(t, nis, 3, whitened)
     unmatched = [m for m in matches if m.a == m.b - 1 and not m.accepted]
     warnings = track.warnings
     if not used:
@@ -165,8 +166,9 @@ def _corrected(track: ScanTrack, ne: Array, turn: Array, cov_planar: Array) -> T
         cov_pose_n=cov,
         keyframe=np.isin(own.t, track.t),
     )
-    # a compass that is off throughout turns everything about the start
-    return with_considered(found, ConsideredErrors.of(track.mission).constant_heading)
+    # a compass that is off throughout turns everything about the start; where scans do not tell
+    # the way along their walls, it is as long as the velocity says
+    return with_considered(found, ConsideredErrors.of(track.mission).constant)
 
 
 def pose_graph(track: ScanTrack, trajectory: Trajectory, used: Sequence[ScanMatch]) -> PoseGraph:

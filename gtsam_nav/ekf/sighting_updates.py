@@ -86,8 +86,9 @@ class SightingUpdates:
 
     Attributes
     ----------
-    used : list of (float, float)
-        Time and normalised innovation squared of each sighting that corrected the state.
+    used : list of (float, ndarray of shape (axes,))
+        Time of each sighting that corrected the state and its innovation, in standard deviations
+        that are not correlated with those of others.
     rejections : list of Rejection
     """
 
@@ -108,7 +109,7 @@ class SightingUpdates:
         self.known = [Acquaintance(0, 0) for _ in slam.landmarks]
         self.moment = 0
         self.missed = 0
-        self.used: list[tuple[float, float]] = []
+        self.used: list[tuple[float, Array]] = []
         self.rejections: list[Rejection] = []
 
     def take(self, samples: IntArray) -> None:
@@ -203,13 +204,14 @@ class SightingUpdates:
             return
         measured, noise = self.measured[samples[own]], self.noise[samples[own]]
         try:
-            self.slam.update(measured, noise, np.array([verdicts[s].landmark for s in own]))
+            landmarks = np.array([verdicts[s].landmark for s in own])
+            whitened = self.slam.update(measured, noise, landmarks)
         except LinAlgError:
             for s in own:
                 self._reject(samples[s], SINGULAR, verdicts[s].nis)
             return
-        for s in own:
-            self.used.append((float(self.series.t[samples[s]]), verdicts[s].nis))
+        for s, innovation in zip(own, whitened, strict=True):
+            self.used.append((float(self.series.t[samples[s]]), innovation))
             landmark, id_ = verdicts[s].landmark, int(self.ids[samples[s]])
             known = self.known[landmark]
             known.sightings, known.moment = known.sightings + 1, self.moment
@@ -261,8 +263,3 @@ class SightingUpdates:
                 normalised_residual=float(np.sqrt(nis)) if np.isfinite(nis) else None,
             )
         )
-
-    def nis(self) -> tuple[Array, Array]:
-        """Times and normalised innovations squared of what was used."""
-        t, nis = np.array(self.used, dtype=float).reshape(-1, 2).T
-        return t, nis

@@ -7,6 +7,7 @@ copy of all values at each evaluation, which makes the solve quadratic in the mi
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import gtsam
@@ -14,7 +15,7 @@ import numpy as np
 from gtsam.symbol_shorthand import B, G, L, M, S, X
 
 from gtsam_nav.frames import Array, Origin, earth_rate_n, rotation_from_rpy
-from gtsam_nav.graph.robust import Robustness
+from gtsam_nav.graph.robust import KernelName, Robustness
 from gtsam_nav.mission import Sensor
 from gtsam_nav.preprocess.strapdown import gravity_at
 from gtsam_nav.registration.result import RelativePose
@@ -37,8 +38,13 @@ def precisions(values: Any) -> Any:
 
 def m_estimator(robustness: Robustness) -> Any:
     """GTSAM's m-estimator of that kernel; None for least squares."""
-    estimators, scale = gtsam.noiseModel.mEstimator, robustness.scale
-    match robustness.kernel:
+    return _m_estimator(robustness.kernel, robustness.scale)
+
+
+@cache
+def _m_estimator(kernel: KernelName, scale: float) -> Any:
+    estimators = gtsam.noiseModel.mEstimator
+    match kernel:
         case "none":
             return None
         case "huber":

@@ -314,9 +314,7 @@ class Problem:
         R_ab, p_a = self.increment(k - 1, k)
         R_nb = before.attitude().matrix() @ R_ab
         p_n = before.position() + before.attitude().matrix() @ p_a
-        own = self.initial_state(k)
-        v_b = own.attitude().matrix().T @ own.velocity()
-        return factors.nav_state(R_nb, p_n, R_nb @ v_b)
+        return factors.nav_state(R_nb, p_n, R_nb @ self.v_b[k])
 
     def increment(self, a: int, b: int) -> tuple[Array, Array]:
         """Rotation and displacement of keyframe b in keyframe a by the vehicle's own motion."""

@@ -135,7 +135,7 @@ class GraphSettings(Settings):
     imu_preintegration : {"standard", "combined"}
         Whether the biases stand still between keyframes, or walk there too and widen the noise.
     keyframes_per_update : int
-        Keyframes handed to iSAM2 at once.
+        Keyframes handed to iSAM2 at once, and more where the mission would take over 1000 updates.
     """
 
     keyframe_interval_s: float = Field(default=5.0, gt=0, le=5)

@@ -26,7 +26,7 @@ class SightingSlopes:
 
 
 def sighting(
-    key: int, landmark: int, offset_b: Array, by_offset: Array, residual: Array, cov: Array
+    key: int, landmark: int, offset_b: Array, by_offset: Array, residual: Array, sigma: Array
 ) -> Any:
     """A sighting, linear about the landmark's present offset ``R_nb' (l_n - p_n)`` from the body.
 
@@ -39,19 +39,19 @@ def sighting(
     offset_b : ndarray, shape (3,)
     by_offset : ndarray, shape (m, 3)
         Jacobian of the sighting's residual (m,) in the offset.
-    residual, cov : ndarray, shapes (m,) and (m, m)
+    residual, sigma : ndarray, shape (m,)
         Of the sighting at that offset.
     """
     measured_b = offset_b + _step(by_offset, residual)
     root = np.zeros((9, 9))
-    root[: len(residual), 3:6] = np.linalg.solve(np.linalg.cholesky(cov), by_offset)
+    root[: len(residual), 3:6] = by_offset / sigma[:, None]
     noise = gtsam.noiseModel.Gaussian.SqrtInformation(root, False)
     measured = nav_state(np.eye(3), measured_b, np.zeros(3))
     return gtsam.BetweenFactorNavState(key, landmark, measured, noise)
 
 
 def level_sighting(
-    key: int, landmark: int, states: Pair, slopes: SightingSlopes, residual: Array, cov: Array
+    key: int, landmark: int, states: Pair, slopes: SightingSlopes, residual: Array, sigma: Array
 ) -> Any:
     """As `sighting`, of a landmark that is level with a body which may tilt, and be anywhere deep.
 
@@ -65,10 +65,9 @@ def level_sighting(
         Of the body, and of the landmark, of which only the position means anything.
     """
     R_nb = states[0].attitude().matrix()
-    whiten = np.linalg.inv(np.linalg.cholesky(cov))
     root = np.zeros((9, 9))
-    root[: len(residual), :3] = whiten @ slopes.turn
-    root[: len(residual), 3:6] = -whiten @ slopes.offset
+    root[: len(residual), :3] = slopes.turn / sigma[:, None]
+    root[: len(residual), 3:6] = -slopes.offset / sigma[:, None]
     noise = gtsam.noiseModel.Gaussian.SqrtInformation(root, False)
     p_n = states[0].position() - states[1].position() - R_nb @ _step(slopes.offset, residual)
     measured = nav_state(R_nb, p_n, np.zeros(3))
@@ -87,7 +86,7 @@ def scaled_sighting(
     slopes: SightingSlopes,
     by_scale: Array,
     residual: Array,
-    cov: Array,
+    sigma: Array,
 ) -> LinearFactor:
     """As `sighting`, of a sensor whose ranges are all too long by a share that is a state.
 
@@ -97,7 +96,7 @@ def scaled_sighting(
         Keyframe, landmark and range scale.
     by_scale : ndarray, shape (m,)
         Derivative of the residual (m,) in the scale.
-    residual, cov : ndarray, shapes (m,) and (m, m)
+    residual, sigma : ndarray, shape (m,)
     """
     R_nb = states[0].attitude().matrix()
     m = len(residual)
@@ -105,6 +104,6 @@ def scaled_sighting(
     J_body[:, :3], J_body[:, 3:6] = slopes.turn, -slopes.offset
     J_landmark[:, 3:6] = slopes.offset @ R_nb.T
     J_scale[:, 3] = by_scale
-    whiten = np.linalg.inv(np.linalg.cholesky(cov))
-    jacobians = whiten @ J_body, whiten @ J_landmark, whiten @ J_scale
-    return LinearFactor(keys, states, jacobians, whiten @ residual)
+    across = sigma[:, None]
+    jacobians = J_body / across, J_landmark / across, J_scale / across
+    return LinearFactor(keys, states, jacobians, residual / sigma)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from gtsam_nav.config import Config
@@ -11,6 +13,7 @@ from gtsam_nav.mission import Mission
 from gtsam_nav.odometry.cloud_map import map_or_reason
 from gtsam_nav.odometry.kiss import CloudTrack, adjoint, cloud_odometry
 from gtsam_nav.preprocess.alignment import Alignment, align
+from gtsam_nav.sensors.noise import HeadingNoise
 from gtsam_nav.solution import Progress, Solution, StageClock
 from gtsam_nav.trajectory import Trajectory, record_times
 
@@ -38,7 +41,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         track = cloud_odometry(mission, settings, progress)
     if track is None:
         raise DataError(f"mission '{mission.name}' has no 3-D clouds")
-    start = align(mission)
+    start = with_compass_errors(align(mission), mission)
     trajectory = placed(track, start, config.motion.rate_hz)
     points, warnings = map_or_reason(track, trajectory, config.open3d.voxel_m)
     return Solution(
@@ -52,6 +55,17 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         n_keyframes=len(track.key),
         stage_s=clock.seconds,
     )
+
+
+def with_compass_errors(start: Alignment, mission: Mission) -> Alignment:
+    """A start whose heading is as wrong as its compass: nothing later will tell."""
+    compass = mission.first("heading")
+    if compass is None or mission.initial.heading is not None:
+        return start
+    noise = HeadingNoise.model_validate(compass.noise)
+    slow = np.radians([noise.bias_sigma_deg, noise.disturbance_sigma_deg])
+    sigma_yaw = np.linalg.norm([start.sigma_rpy[2], *slow])
+    return replace(start, sigma_rpy=np.array([*start.sigma_rpy[:2], sigma_yaw]))
 
 
 def placed(track: CloudTrack, start: Alignment, rate_hz: float) -> Trajectory:

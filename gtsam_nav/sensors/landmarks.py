@@ -12,6 +12,7 @@ residual of zero.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -40,14 +41,14 @@ class Sighting:
     sigma_range: float
     sigma_bearing: float
 
-    @property
+    @cached_property
     def polar(self) -> Array:
         """Range, bearing and, where measured, elevation; NaN for a missing one of the first two."""
         values = [self.range_m, self.bearing]
         values += [] if self.elevation is None else [self.elevation]
         return np.array(values, dtype=float)
 
-    @property
+    @cached_property
     def rows(self) -> IntArray:
         """Which of `polar` are measured."""
         return np.flatnonzero(np.isfinite(self.polar))
@@ -57,11 +58,15 @@ class Sighting:
         """What is measured of range, bearing and elevation."""
         return self.polar[self.rows]
 
+    @cached_property
+    def sigma(self) -> Array:
+        """Of `measured`; an elevation is as good as the bearing."""
+        return np.array([self.sigma_range, self.sigma_bearing, self.sigma_bearing])[self.rows]
+
     @property
     def cov(self) -> Array:
-        """Of `measured`; an elevation is as good as the bearing."""
-        sigma = np.array([self.sigma_range, self.sigma_bearing, self.sigma_bearing])
-        return np.diag(np.square(sigma[self.rows]))
+        """Of `measured`."""
+        return np.diag(self.sigma**2)
 
 
 @dataclass(frozen=True)

@@ -74,6 +74,7 @@ def assert_same(a: Filtered, b: Filtered) -> None:
     np.testing.assert_allclose(difference, 0.0, atol=1e-9)
     np.testing.assert_allclose(a.P, b.P, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(a.nis, b.nis, rtol=1e-8, atol=1e-9)
+    np.testing.assert_allclose(a.whitened, b.whitened, rtol=1e-8, atol=1e-8)
 
 
 @settings(max_examples=30)
@@ -246,7 +247,7 @@ def test_an_update_adds_information(seed: int) -> None:
     x, P = state(rng)
     P += 1e-3 * np.eye(8)
     entries, value, variance = np.array([4, 5, 6]), rng.normal(size=3), rng.uniform(0.01, 1, 3)
-    x_new, P_new, nis = update(x, P, entries, value, variance)
+    x_new, P_new, whitened = update(x, P, entries, value, variance)
     H = np.eye(8)[entries]
     information = np.linalg.inv(P) + H.T @ np.diag(1 / variance) @ H
     np.testing.assert_allclose(P_new @ information, np.eye(8), atol=1e-6)
@@ -255,7 +256,7 @@ def test_an_update_adds_information(seed: int) -> None:
     pull = P_new @ H.T @ ((value - x[entries]) / variance)
     np.testing.assert_allclose(move, pull, rtol=1e-6, atol=1e-8)
     # what the prior and the measurement cost together at the optimum
-    assert nis == pytest.approx(
+    assert whitened @ whitened == pytest.approx(
         move @ np.linalg.solve(P, move) + left @ (left / variance), rel=1e-6
     )
 
@@ -263,9 +264,9 @@ def test_an_update_adds_information(seed: int) -> None:
 def test_headings_are_compared_the_short_way_round() -> None:
     x = np.zeros(8)
     x[YAW] = 3.1
-    x_new, _, nis = update(x, np.eye(8), np.array([YAW]), np.array([-3.1]), np.array([1.0]))
+    x_new, _, whitened = update(x, np.eye(8), np.array([YAW]), np.array([-3.1]), np.array([1.0]))
     gap = 2 * np.pi - 6.2
-    assert nis == pytest.approx(gap**2 / 2)
+    assert whitened @ whitened == pytest.approx(gap**2 / 2)
     assert wrap_angle(x_new[YAW] - 3.1) == pytest.approx(gap / 2)
     assert -np.pi <= x_new[YAW] < np.pi
 
@@ -298,6 +299,11 @@ def test_innovations_of_a_matched_system_are_chi_square() -> None:
         dof = own.sum() * KINDS[kind][1]
         low, high = chi2.ppf([0.005, 0.995], dof)
         assert low < found.nis[own].sum() < high, kind
+        # and successive ones have nothing in common
+        whitened = found.whitened[own]
+        np.testing.assert_allclose(np.sum(whitened**2, axis=1), found.nis[own])
+        shared = np.sum(whitened[1:] * whitened[:-1]) / np.sum(whitened**2)
+        assert abs(shared) < 2.6 / np.sqrt(dof), kind
     error = found.x - true_states
     error[:, YAW] = wrap_angle(error[:, YAW])
     observed = [2, 3, 4, 5, 6, 7]

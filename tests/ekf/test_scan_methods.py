@@ -193,10 +193,17 @@ def test_the_poses_of_scans_are_kept_by_the_trajectory(mission: Mission) -> None
     )
     planar = np.array([0, 1, 5])
     assert scans.cov_pose_n is not None
-    # a constant error of the compass, which the filter does not know, turns all about the start
+    # constant errors of compass and velocity, which the filter does not know, turn and stretch all
+    errors, zero = ConsideredErrors.of(mission), np.zeros(len(scans))
     north, east = (scans.p_n - trajectory.p_n[0])[:, :2].T
-    turning = np.stack([-east, north, np.ones(len(scans))], axis=1)
-    turned = ConsideredErrors.of(mission).heading ** 2 * turning[:, :, None] * turning[:, None]
+    turned = np.zeros((len(scans), 3, 3))
+    for sigma, *way in (
+        (errors.heading, -east, north, zero + 1.0),
+        (errors.misalignment, -east, north, zero),
+        (errors.scale, north, east, zero),
+    ):
+        by_one = sigma * np.stack(way, axis=1)
+        turned += by_one[:, :, None] * by_one[:, None]
     # and the heading of a scan's time is not quite that of its beams
     turned[:, 2, 2] += track.frame_yaw_variance
     np.testing.assert_allclose(

@@ -110,3 +110,21 @@ def test_a_failure_in_one_order_is_begun_anew_in_another(
     recovered = online_positions(mission)
     assert made == kinds
     np.testing.assert_allclose(recovered, undisturbed, atol=1e-3)
+
+
+def test_a_longer_mission_hands_more_keyframes_over_at_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("gtsam_nav.graph.online.MOST_UPDATES", 2)
+    updates: list[int] = []
+    plain = backend_module.Backend.update
+
+    def counted(self: Backend) -> None:
+        updates.append(self._new_values.size())
+        plain(self)
+
+    monkeypatch.setattr(Backend, "update", counted)
+    online_positions(simulate("marina", seed=3, duration_s=40.0).without("sonar"))
+    assert len(updates) == 3
+    assert updates[-1] == 0
+    assert 0 < updates[1] <= updates[0]

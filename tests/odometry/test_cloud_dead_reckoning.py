@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gtsam_nav.odometry.dead_reckoning import placed
+from gtsam_nav.mission import InitialState, Mission, Sensor
+from gtsam_nav.odometry.dead_reckoning import placed, with_compass_errors
 from gtsam_nav.odometry.kiss import CloudTrack, KeyCloud
 from gtsam_nav.preprocess.alignment import Alignment
 from gtsam_nav.registration.result import RelativePose
+from gtsam_nav.series import HeadingSeries
 
 STEP_COV = np.diag([1e-6] * 3 + [1e-4] * 3)
 START = Alignment(
@@ -52,3 +54,16 @@ def test_its_uncertainty_grows_as_the_increments_say(track: CloudTrack) -> None:
     # the start's heading error, over ten metres, and that of each increment over the rest
     expected = 10.0**2 * 1e-4 + 10e-4 + 1e-6 * sum(d**2 for d in range(10))
     assert across == pytest.approx(expected, rel=0.02)
+
+
+def test_a_start_by_the_compass_is_as_wrong_as_the_compass() -> None:
+    t = np.arange(0.0, 5.0)
+    heading = HeadingSeries(t=t, heading=np.full(5, 0.5), sigma=np.full(5, 0.01))
+    noise = {"bias_sigma_deg": 3.0, "disturbance_sigma_deg": 4.0}
+    compass = {"heading": Sensor("heading", "heading", heading, noise=noise)}
+    found = with_compass_errors(START, Mission("by compass", compass))
+    assert found.sigma_rpy[2] == pytest.approx(np.hypot(0.01, np.radians(5.0)))
+    np.testing.assert_array_equal(found.sigma_rpy[:2], START.sigma_rpy[:2])
+    stated = Mission("stated", compass, initial=InitialState(heading=0.5, sigma_heading=0.01))
+    assert with_compass_errors(START, stated) is START
+    assert with_compass_errors(START, Mission("none", {})) is START

@@ -10,9 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gtsam_nav.frames import Array, wrap_angle
+from gtsam_nav.registration._pic_kernel import information
 from gtsam_nav.registration.pic import (
     Pairing,
     associate,
+    information_at,
     normal_equations,
     register,
     register_readable,
@@ -69,8 +71,9 @@ def test_compiled_loop_equals_readable_one(association: str, seed: int) -> None:
     reference, new, q = random_pair(seed)
     prior = q + np.random.default_rng(seed + 1).normal(size=3) * [0.4, 0.4, 0.05]
     pic = PicSettings.model_validate({"association": association})
-    compiled = register(reference, new, prior, PRIOR_COV, pic)
-    readable = register_readable(reference, new, prior, PRIOR_COV, pic)
+    cov = PRIOR_COV + 0.2 * (np.sqrt(np.outer(*[np.diag(PRIOR_COV)] * 2)) - PRIOR_COV)
+    compiled = register(reference, new, prior, cov, pic)
+    readable = register_readable(reference, new, prior, cov, pic)
     assert compiled.failure == readable.failure
     assert compiled.iterations == readable.iterations
     assert compiled.overlap == pytest.approx(readable.overlap, abs=1e-12)
@@ -95,6 +98,7 @@ def test_exact_pose_of_noise_free_points(
     )
     assert match.ok
     assert match.overlap == 1.0
+    assert match.iterations < pic.max_iterations / 2
     np.testing.assert_allclose(match.q[:2], q[:2], atol=2e-3)
     assert abs(wrap_angle(match.q[2] - q[2])) < 2e-4
 
@@ -139,6 +143,34 @@ def test_walls_at_a_single_point_are_not_certain() -> None:
     np.testing.assert_array_equal(match.q, prior)
     np.testing.assert_array_equal(match.cov, PRIOR_COV)
     assert (match.overlap, match.iterations, match.unobserved.shape) == (0.0, 0, (0, 3))
+
+
+def test_the_compiled_information_is_the_readable_one() -> None:
+    """Of piles from round to long, in noise from small to large beside them."""
+    rng = np.random.default_rng(8)
+    q, pile = np.array([0.3, -0.2, 0.4]), np.empty((60, 5, 2))
+    for k, (length, width) in enumerate(10.0 ** rng.uniform(-1.5, 0.2, size=(60, 2))):
+        turn = planar_rotations(rng.uniform(-3.0, 3.0))
+        pile[k] = 20.0 * np.array(divmod(k, 8)) + rng.normal(size=(5, 2)) * [length, width] @ turn.T
+
+    def scan(xy: Array) -> Scan:
+        root = 10.0 ** rng.uniform(-1.5, -0.3, size=(len(xy), 1, 1)) * rng.normal(
+            size=(len(xy), 2, 2)
+        )
+        return Scan(0.0, xy, root @ np.swapaxes(root, 1, 2) + 1e-4 * np.eye(2))
+
+    reference, new = scan(pile.reshape(-1, 2)), scan(seen_from(pile.mean(axis=1) + 0.05, q))
+    for radius, cauchy_k in ((3.0, 1.5), (0.2, 3.0)):
+        pic = PicSettings(wall_radius_m=radius, cauchy_k=cauchy_k)
+        for k in range(60):
+            one = Scan(0.0, new.xy[[k]], new.cov[[k]])
+            compiled = information(
+                *(reference.xy, reference.cov, one.xy, one.cov), q, radius, cauchy_k
+            )
+            for ours, theirs in zip(compiled, information_at(reference, one, q, pic), strict=True):
+                np.testing.assert_allclose(
+                    ours, theirs, rtol=1e-6, atol=1e-9 * np.abs(theirs).max()
+                )
 
 
 @pytest.mark.parametrize("seed", range(5))

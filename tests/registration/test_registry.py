@@ -139,6 +139,12 @@ def test_a_package_that_does_not_import_is_named(
         register("open3d-icp", quay(0), quay(1), pose([0.0] * 3, [0.0] * 3))
 
 
+def test_of_a_module_the_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(packages, "_attempt", lambda module: (None, f"no {module}"))
+    with pytest.raises(PackageError, match=r"deskewing needs the package kiss_icp, .*kiss_icp\.x"):
+        packages.kiss_icp("deskewing", "x")
+
+
 @pytest.mark.realdata
 @pytest.mark.usefixtures("open3d_here")
 @pytest.mark.parametrize("method", registrations(planar=False))

@@ -144,7 +144,7 @@ def sighting(state: BodyState, rng: np.random.Generator, spread: float, *, eleva
         state.R_nb.T @ (landmark_n - state.p_n),
         prediction.jacobian_landmark @ state.R_nb,
         prediction.residual,
-        prediction.cov,
+        seen.sigma,
     )
     return Case(
         lambda s: landmarks.predict(s, landmark_n, seen, sensor),

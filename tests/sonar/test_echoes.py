@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -11,7 +13,7 @@ from gtsam_nav.mission import Sensor
 from gtsam_nav.series import BeamSeries, ScanSeries
 from gtsam_nav.sonar._peaks import strongest_peaks
 from gtsam_nav.sonar.defects import sonar_defect
-from gtsam_nav.sonar.echoes import _thresholds, echoes_of_scans, segment
+from gtsam_nav.sonar.echoes import _thresholds, beam_bearings, echoes_of_scans, segment
 from gtsam_nav.sonar.settings import SegmentationSettings
 
 BINS, RESOLUTION_M = 300, 0.1
@@ -174,6 +176,32 @@ def test_bearing_by_mounting(roll_deg: float, direction: float) -> None:
     # and as the rotation matrix itself has it
     ray_b = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1) @ sonar.R_bs.T
     np.testing.assert_allclose(wrap_angle(bearing - np.arctan2(*ray_b.T[1::-1])), 0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("roll_deg", "direction"), [(30.0, 1.0), (-30.0, 1.0), (100.0, -1.0), (-100.0, -1.0)]
+)
+def test_a_head_that_leans_turns_as_its_axis_points(roll_deg: float, direction: float) -> None:
+    sonar = sonar_of(beams(3), R_bs=rotation_from_rpy([np.radians(roll_deg), 0.0, 0.4]))
+    found = beam_bearings(sonar, np.array([0.0, 0.2]))
+    np.testing.assert_allclose(np.diff(found), 0.2 * direction)
+
+
+def test_a_head_on_its_side_is_not_upside_down() -> None:
+    sonar = sonar_of(beams(3), R_bs=np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]]))
+    np.testing.assert_allclose(beam_bearings(sonar, np.array([0.0, 0.2])), [0.0, 0.2])
+
+
+def test_a_separation_is_that_of_the_nearest_whole_bin() -> None:
+    """2 m are 6.7 bins of 0.3 m: six bins apart is too near."""
+    profile = np.zeros(BINS, np.uint8)
+    profile[49:52], profile[55:58] = 240, 200
+    series = sonar_of(np.tile(profile, (3, 1))).series
+    assert isinstance(series, BeamSeries)
+    coarse = Sensor(name="sonar", type="beams", series=replace(series, resolution_m=0.3))
+    for separation_m, echoes in ((2.0, 3), (1.8, 6)):
+        settings = SegmentationSettings(min_intensity=1, min_separation_m=separation_m)
+        assert len(segment(coarse, settings)) == echoes
 
 
 def test_covariance_is_range_along_the_ray_and_bearing_across() -> None:

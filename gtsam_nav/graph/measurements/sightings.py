@@ -67,20 +67,20 @@ class Seen:
         residual = values - self.values.polar
         residual[1:] = (residual[1:] + np.pi) % (2 * np.pi) - np.pi
         residual[~np.any(by_point, axis=1)] = 0.0
-        rows, cov = self.values.rows, self.excess * self.values.cov
+        rows, sigma = self.values.rows, math.sqrt(self.excess) * self.values.sigma
         if scale is None and (self.planar or not self.level):
             return sighting_factors.sighting(
-                X(self.k), self.key, offset_b, by_offset[rows], residual[rows], cov
+                X(self.k), self.key, offset_b, by_offset[rows], residual[rows], sigma
             )
         by_turn = by_point_b @ skew(counted_b) + by_offset @ skew(self.sensor.xyz_b)
         slopes = sighting_factors.SightingSlopes(by_offset[rows], by_turn[rows])
         if scale is None:
             return sighting_factors.level_sighting(
-                X(self.k), self.key, (body, landmark), slopes, residual[rows], cov
+                X(self.k), self.key, (body, landmark), slopes, residual[rows], sigma
             )
         keys, states = (X(self.k), self.key, self.scale_key), (body, landmark, scale)
         return sighting_factors.scaled_sighting(
-            keys, states, slopes, by_scale[rows], residual[rows], cov
+            keys, states, slopes, by_scale[rows], residual[rows], sigma
         )
 
 
