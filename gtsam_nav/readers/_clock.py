@@ -99,7 +99,17 @@ def _one_stretch(mission: Mission) -> Mission:
             )
         reason = "clock jump" if np.any(inside) else "no overlap in time"
         rejections += _rejections(sensor, t, ~inside, reason)
-    return replace(mission, sensors=kept, rejections=tuple(rejections), warnings=tuple(warnings))
+    edges = mission.edges and mission.edges.crop(start - CLOCK_JUMP_S, stop + CLOCK_JUMP_S)
+    left_out = len(mission.edges or ()) - len(edges or ())
+    if left_out:
+        warnings.append(f"{left_out} edges are left out: no sensor was near in time")
+    return replace(
+        mission,
+        sensors=kept,
+        edges=edges,
+        rejections=tuple(rejections),
+        warnings=tuple(warnings),
+    )
 
 
 def _warnings_of(sensors: Iterable[Sensor]) -> list[str]:

@@ -12,6 +12,7 @@ from gtsam_nav.errors import DataError
 from gtsam_nav.mission import Mission
 from gtsam_nav.readers import open_mission
 from gtsam_nav.series import LandmarkSeries, OdometrySeries
+from gtsam_nav.writers.mission_folder import write_mission
 
 INFORMATION = "25 0 0 100 0 4"
 GRAPH = f"""# a quarter turn to the left on a circle of 2 m, then straight on
@@ -69,6 +70,26 @@ def test_edges_are_cropped_with_both_their_poses(tmp_path: Path) -> None:
     np.testing.assert_allclose(cropped.edges.t, [[1, 2], [3, 2]])
     assert cropped.span_s == (1.0, 3.0)
     assert read.crop(0.1, 0.9).edges is None
+
+
+def test_edges_hours_away_from_all_sensors_are_left_out(tmp_path: Path) -> None:
+    write_mission(graph(tmp_path), tmp_path / "folder")
+    with (tmp_path / "folder" / "edges.csv").open("a") as file:
+        file.write("1e9,1,0,0,0,1,0,0,1,0,1\n")
+    read = open_mission(tmp_path / "folder")
+    assert read.edges is not None
+    assert len(read.edges) == 4
+    assert any("1 edges are left out" in w for w in read.warnings)
+
+
+def test_an_unusable_edge_of_a_mission_folder_is_told(tmp_path: Path) -> None:
+    write_mission(graph(tmp_path), tmp_path / "folder")
+    with (tmp_path / "folder" / "edges.csv").open("a") as file:
+        file.write("0,1,0,0,0,-1,0,0,1,0,1\n")
+    read = open_mission(tmp_path / "folder")
+    assert read.edges is not None
+    assert len(read.edges) == 4
+    assert any("1 unusable edges" in w for w in read.warnings)
 
 
 def test_a_graph_without_loops_is_odometry_alone(tmp_path: Path) -> None:
