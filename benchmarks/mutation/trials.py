@@ -26,6 +26,7 @@ PRELOADED = ("numpy", "scipy.stats", "scipy.spatial", "numba", "gtsam", "open3d"
 """Imported once for all the trials; never the package itself, which each of them mutates."""
 PLAIN_KERNELS = {
     "_peaks": "tests/sonar/test_echoes.py",
+    "_pic_information": "tests/registration/test_pic.py",
     "_pic_kernel": "tests/registration/test_pic.py",
     "_rays": "tests/sonar/test_occupancy.py",
 }

@@ -20,8 +20,8 @@ LANES = 16
 """Windows hold whole multiples of so many points: a loop's rest outside the processor's vectors
 costs more than the points that this adds."""
 REORDER = {"reassoc", "contract", "nsz", "arcp"}
-"""Sums may be taken in another order, without which no loop is compiled to vectors; unlike with
-all of fast math, what is not a number stays so."""
+"""Sums may be taken in another order, without which no loop is compiled to vectors: their last bits
+are those of the processor's kind. Unlike with all of fast math, what is not a number stays so."""
 
 Sums = tuple[float, float, float, float, float, float]
 
