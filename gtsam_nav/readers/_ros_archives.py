@@ -23,9 +23,8 @@ def bound_chunks() -> None:
         "lz4": lambda data: unpacked(LZ4FrameDecompressor, data),
     }
     mcap.DECOMPRESSORS["lz4"] = lambda data, _size: unpacked(LZ4FrameDecompressor, data)
-    zstd: Any = getattr(mcap, "zstd", None)
-    if zstd is not None:
-        mcap.DECOMPRESSORS["zstd"] = lambda data, _size: unpacked(zstd.ZstdDecompressor, data)
+    zstd: Any = vars(mcap)["zstd"]  # of the standard library, or its backport
+    mcap.DECOMPRESSORS["zstd"] = lambda data, _size: unpacked(zstd.ZstdDecompressor, data)
 
 
 def unpacked(make: Callable[[], Any], data: bytes) -> bytes:
