@@ -72,16 +72,18 @@ def _by_fronts(graph: Any, values: Any, groups: Sequence[tuple[int, ...]]) -> li
 def _nodes(columns: dict[int, slice], values: Any) -> tuple[IntArray, Array]:
     """Node of each column, and the place of each node.
 
-    What belongs to a keyframe is one node there; a landmark is one where it lies.
+    What belongs to a keyframe is one node there; a landmark is one where it lies, at no time.
     """
     ids = {key: key if _is_landmark(key) else keyframe_of(key) for key in columns}
     number = {name: n for n, name in enumerate(dict.fromkeys(ids.values()))}
     node = np.empty(max(part.stop for part in columns.values()), dtype=np.int64)
-    place = np.full((len(number), 2), np.nan)
+    place = np.full((len(number), 3), np.nan)
     for key, part in columns.items():
         node[part] = number[ids[key]]
-        if _is_landmark(key) or key == X(ids[key]):
-            place[number[ids[key]]] = values.atNavState(key).position()[:2]
+        if _is_landmark(key):
+            place[number[key], :2] = values.atNavState(key).position()[:2]
+        elif key == X(ids[key]):
+            place[number[ids[key]]] = (*values.atNavState(key).position()[:2], ids[key])
     return node, place
 
 

@@ -87,8 +87,10 @@ class KnotSystem:
         is_planar = np.zeros(self._H.shape[0], dtype=bool)
         is_planar[self.planar] = True
         node, node_keyframe = _nodes(keyframe[self.chain.left_over], is_planar)
-        ne = np.array([values.atNavState(X(k)).position()[:2] for k in range(len(problem.t))])
-        place = np.where(node_keyframe[:, None] >= 0, ne[node_keyframe], np.nan)
+        places = np.array(
+            [[*values.atNavState(X(k)).position()[:2], k] for k in range(len(problem.t))]
+        )
+        place = np.where(node_keyframe[:, None] >= 0, places[node_keyframe], np.nan)
         left = self.chain.left_over
         borders = pattern_of(self.chain.borders(), len(left))
         self._meeting = meeting[left][:, left] + borders + self._among_outer(touching)

@@ -125,3 +125,20 @@ def test_an_indefinite_matrix_is_refused(place: Array) -> None:
     fronts = nested_dissection(pattern(H), place, np.ones(len(place), dtype=int))
     with pytest.raises(np.linalg.LinAlgError):
         Factor(csc_array(H), fronts.nodes, fronts.parent)
+
+
+def test_a_course_that_is_repeated_is_cut_in_time() -> None:
+    """Forty laps of one circle, each place touching the next: across the area a cut meets all."""
+    n, laps = 2000, 40
+    angle = np.linspace(0.0, 2 * np.pi * laps, n)
+    track = np.column_stack([np.cos(angle), np.sin(angle), np.arange(n)])
+    chain = csr_array(np.eye(n) + np.eye(n, k=1) + np.eye(n, k=-1))
+    ones = np.ones(n, dtype=int)
+
+    def widest_separator(place: Array) -> int:
+        fronts = nested_dissection(chain, place, ones)
+        inner = set(fronts.parent) - {-1}
+        return max(len(fronts.nodes[k]) for k in inner)
+
+    assert widest_separator(track) == 1
+    assert widest_separator(track[:, :2]) > laps / 2
