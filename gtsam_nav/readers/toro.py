@@ -8,9 +8,9 @@ BR          ``pose landmark bearing range sigma_bearing sigma_range``
 VERTEX2     ``id x y theta``: somebody's guess or result; not read
 ==========  ====================================================================================
 
-Metres and radians, counter-clockwise; x becomes north and y west, as in all local frames. The six
-figures stand as ``xx xy xt yy yt tt`` or, as in TORO, ``xx xy yy tt xt yt``; the zeros between them
-tell which (GTSAM reads them so too).
+Metres and radians, counter-clockwise; x becomes north and y west, as in all local frames. The
+six figures are the covariance ``xx xy xt yy yt tt`` or, as in TORO, the information
+``xx xy yy tt xt yt``; the zeros between them tell which. (GTSAM takes TORO's for a covariance too.)
 
 Poses are in the order of their numbers, one second apart: an edge between neighbours is the
 odometry of that second, stamped at its middle; mission time begins with the first stamp. Where some
@@ -235,14 +235,18 @@ def _covariances(figures: Array, path: Path) -> Array:
     if not np.all(toro | usual):
         which = int(np.flatnonzero(~(toro | usual))[0])
         raise DataError(
-            f"the covariance of edge {which + 1}, {figures[which].tolist()}, is neither of the"
-            " order xx 0 0 yy 0 tt nor xx 0 yy tt 0 0",
+            f"the noise of edge {which + 1}, {figures[which].tolist()}, is neither a covariance in"
+            " the order xx 0 0 yy 0 tt nor an information in TORO's, xx 0 yy tt 0 0",
             path,
         )
     cov = np.zeros((len(figures), 3, 3))
     cov[:, 0, 0], cov[:, 0, 1], cov[:, 1, 0] = xx, xy, xy
     cov[:, 1, 1] = np.where(toro, third, fourth)
     cov[:, 2, 2] = np.where(toro, fourth, sixth)
+    if np.any(singular := toro & (np.linalg.det(cov) == 0.0)):
+        which = int(np.flatnonzero(singular)[0])
+        raise DataError(f"the information of edge {which + 1} is singular", path)
+    cov[toro] = np.linalg.inv(cov[toro])
     return cov
 
 

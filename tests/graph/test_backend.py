@@ -69,7 +69,7 @@ def test_where_cholesky_fails_the_pass_goes_on_by_qr(
 ) -> None:
     mission = simulate("laps", seed=1, duration_s=20.0)
     by_qr = online_positions(mission)
-    caplog.set_level(logging.INFO)
+    caplog.set_level(logging.INFO, logger="gtsam_nav")
     monkeypatch.setattr(Problem, "is_stiff", False)
     recovered = online_positions(mission)
     assert "anew by QR" in caplog.text

@@ -91,8 +91,8 @@ def test_a_covariance_in_polar_axes(tmp_path: Path) -> None:
     np.testing.assert_allclose(seen.sigma_bearing, [0.15])
 
 
-def test_the_order_of_toro_is_known_by_its_zeros(tmp_path: Path) -> None:
-    text = "EDGE2 0 1 1 0 0 0.04 0 0.01 0.09 0 0\nLANDMARK 1 2 0 2 0.09 0 0.01\n"
+def test_the_order_of_toro_is_known_by_its_zeros_and_is_information(tmp_path: Path) -> None:
+    text = "EDGE2 0 1 1 0 0 25 0 100 11.1111111111 0 0\nLANDMARK 1 2 0 2 0.09 0 0.01\n"
     odometry, _ = series_of(graph(tmp_path, text))
     np.testing.assert_allclose([odometry.sigma_v[0], odometry.sigma_yaw_rate[0]], [0.2, 0.3])
 
@@ -111,7 +111,8 @@ def test_neighbours_without_an_edge_are_counted(tmp_path: Path) -> None:
         (f"ODOMETRY 4 5 x 0 0 {COV}", "park.txt:3: ODOMETRY is followed by something"),
         (f"ODOMETRY 4.5 5 1 0 0 {COV}", "park.txt:3: ODOMETRY needs whole numbers"),
         ("BR nan 5 1 1 1 1", "park.txt:3: BR needs whole numbers"),
-        ("EDGE2 4 5 1 0 0 1 1 1 1 1 1", "the covariance of edge 2"),
+        ("EDGE2 4 5 1 0 0 1 1 1 1 1 1", "the noise of edge 2"),
+        ("EDGE2 4 5 1 0 0 1 1 1 1 0 0", "the information of edge 2 is singular"),
     ],
 )
 def test_a_malformed_line_is_named(tmp_path: Path, line: str, message: str) -> None:
