@@ -27,6 +27,7 @@ from gtsam_nav.graph.doubts import (
 from gtsam_nav.graph.exported import pose_graph
 from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.false_loops import loop_faults
+from gtsam_nav.graph.heap import give_back
 from gtsam_nav.graph.indeterminacy import check_anchored, states_named
 from gtsam_nav.graph.knot_system import JointPosterior
 from gtsam_nav.graph.loop_judging import judged
@@ -148,6 +149,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     problem = _built(ready, echoes, clock)
     solved = _solved(problem, ready, echoes, clock, progress)
     with clock.stage("covariance"), states_named(problem):
+        give_back()
         covariances = _covariances(problem, solved.graph, solved.refined)
     solution = _solution(ready, echoes, solved, covariances)
     return replace(solution, stage_s=clock.seconds)
@@ -188,8 +190,10 @@ def _solved(
             echoes.mission.faults, config.seed, problem, scan_keyframe, config.graph.loops
         )
         online = run_online(problem, sonar, scan_keyframe, config, progress, faults)
+        give_back()
     with clock.stage("loops"), states_named(problem):
         loops = _scan_loops(problem, sonar, scan_keyframe, online, config, progress)
+        give_back()
     matches, match_factors, settled = loops.matches, loops.factors, loops.settled
     others = [*problem.entries, *match_factors]
     with clock.stage("cloud loops"), states_named(problem):

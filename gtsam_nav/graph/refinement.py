@@ -150,12 +150,15 @@ class JointRefinement:
         """
         s = self.settings
         gate, count, settled = s.first_gate_m, 0, False
+        posterior: JointPosterior | None = None
         while not settled and count < s.max_iterations:
+            posterior = None  # its fronts make room for the next ones
             origin = self._planar_of(values)
             pairs = self._scan_pairs(origin)
             # the sensors anew each time: a turn of the whole track, linear, would stretch it
             system = KnotSystem(graph, values, self.knots.keyframes, self.problem, pairs.touching)
             posterior = system.with_sonar(*self._normal_equations(origin, pairs, gate))
+            del system
             values = posterior.moved()
             moved = np.max(np.abs(posterior.planar[:, :2]), axis=1)
             largest, knot = float(np.max(moved)), int(np.argmax(moved))
@@ -166,6 +169,7 @@ class JointRefinement:
             progress("refinement", count / s.max_iterations)
         progress("refinement", 1.0)
         log.info("joint refinement: %d iterations, converged: %s", count, settled)
+        assert posterior is not None  # nobody calls this for no iteration
         return Refined(values, posterior, count, settled)
 
     def _scan_pairs(self, knots: Array) -> ScanPairs:
