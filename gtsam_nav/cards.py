@@ -23,7 +23,7 @@ from gtsam_nav.frames import Array, rotation_from_rpy
 from gtsam_nav.mission import Constraints
 from gtsam_nav.sensors.noise import G_M_S2, NOISE_MODELS, figure_names
 from gtsam_nav.series import SERIES_TYPES
-from gtsam_nav.settings import Settings
+from gtsam_nav.settings import Settings, first_fault
 from gtsam_nav.yaml_files import YamlError, read_yaml_file
 
 MISSION_SECTION = "mission"
@@ -266,7 +266,7 @@ def read_yaml(path: Path, model: type[Model], section: str | None = None) -> Mod
     try:
         return model.model_validate(tree)
     except ValidationError as error:
-        raise DataError(_first_fault(error), path) from error
+        raise DataError(first_fault(error), path) from error
 
 
 def with_mission(path: Path | None) -> Path | None:
@@ -276,10 +276,3 @@ def with_mission(path: Path | None) -> Path | None:
     except YamlError:
         return None
     return path if isinstance(tree, dict) and MISSION_SECTION in tree else None
-
-
-def _first_fault(error: ValidationError) -> str:
-    first = error.errors()[0]
-    key = ".".join(str(part) for part in first["loc"])
-    what = first["msg"].removeprefix("Value error, ")
-    return f"{key}: {what}" if key else what

@@ -90,7 +90,8 @@ def run(
     if report is not None:
         show_runs({solution.method: folder / solution.method for solution in solutions})
         show("", f"{wall_s:.1f} s from opening the mission to the last result", f"report: {report}")
-        earlier = [found.name for found in find_runs(folder) if found.name not in names]
+        beside = (found for found in find_runs(folder) if found.parent == folder)
+        earlier = [found.name for found in beside if found.name not in names]
         if earlier:
             say(f"note: {folder} also holds an earlier run of {', '.join(earlier)}")
     if not solutions:  # else they are among the warnings of the runs

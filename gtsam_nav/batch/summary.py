@@ -208,12 +208,6 @@ def _worst(ranking: Ranking, results: pd.DataFrame, folder: Path) -> Element | N
     good = results[results["cause"].isna()]
     if good.empty:
         return None
-    if ranking.score is None:
-        scored, unscored, score = good.iloc[:0], good, "score"
-    else:
-        has_one = good[ranking.score].notna()
-        scored = good[has_one].sort_values(ranking.score, ascending=False)
-        unscored, score = good[~has_one], SCORES[ranking.score]
 
     def cells(run: dict[str, Any], error: str) -> list[Element | str]:
         link = element("a", str(run["mission"]), href=_link(str(run["folder"]), folder))
@@ -221,11 +215,14 @@ def _worst(ranking: Ranking, results: pd.DataFrame, folder: Path) -> Element | N
         rest = (_figure(run["nees_mean"]), _figure(run["coverage"], 3), _figure(run["wall_s"], 1))
         return [link, variant, error, *rest]
 
-    rows = [
-        *(cells(r, _figure(r[ranking.score])) for r in _first(scored)),
-        *(cells(r, "no score") for r in _first(unscored)),
-    ]
-    header = ("mission", "variant", score, "NEES", "coverage", "wall s")
+    score, rows, unscored = ranking.score, list[list[Element | str]](), good
+    if score is not None:
+        worst = good[good[score].notna()].sort_values(score, ascending=False)
+        rows += [cells(run, _figure(run[score])) for run in _first(worst)]
+        unscored = good[good[score].isna()]
+    rows += [cells(run, "no score") for run in _first(unscored)]
+    error = "score" if score is None else SCORES[score]
+    header = ("mission", "variant", error, "NEES", "coverage", "wall s")
     every = len(rows) == len(good)
     title = "All runs, worst first" if every else f"The {MOST_WORST} worst runs"
     more = len(unscored) - MOST_WORST

@@ -237,6 +237,12 @@ def test_what_cannot_work_is_said_before_anything_runs(missions: Path, tmp_path:
     out = tmp_path / "out"
     with pytest.raises(ConfigError, match="unknown method 'drr'"):
         gn.batch(missions / "*", out, ["drr"])
+    with pytest.raises(ConfigError, match="unknown method 'drr'"):
+        gn.batch(missions / "*", out, "drr")
+    with pytest.raises(ConfigError, match="no method is given"):
+        gn.batch(missions / "*", out, [])
+    with pytest.raises(ConfigError, match="no value is given to sweep 'seed'"):
+        gn.batch(missions / "*", out, "dr", sweep={"seed": []})
     with pytest.raises(DataError, match="no file or folder matches"):
         gn.batch(missions / "n*", out)
     with pytest.raises(ConfigError, match="workers is 0"):
