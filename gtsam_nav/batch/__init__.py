@@ -118,12 +118,12 @@ def batch(
 
     from gtsam_nav.batch.plan import plan_runs
     from gtsam_nav.batch.summary import write_summary
-    from gtsam_nav.batch.table import compact
+    from gtsam_nav.batch.table import TABLE, compact
     from gtsam_nav.batch.work import ATTEMPTS
     from gtsam_nav.batch.workers import carry_out_all, connect
     from gtsam_nav.config import Config
     from gtsam_nav.methods import check_method
-    from gtsam_nav.writers.atomic import remove_drafts
+    from gtsam_nav.writers.atomic import missing_folders, remove_drafts, remove_empty
 
     names = [methods] if isinstance(methods, str) else methods
     for name in names:
@@ -131,6 +131,7 @@ def batch(
     folder = Path(out).absolute()
     patterns = [missions] if isinstance(missions, Path | str) else missions
     planned = plan_runs(patterns, folder, names, config or Config(), sweep or {})
+    made = missing_folders(folder / TABLE)
     done = _begin(folder, planned, resume)
     runs = [run for run in planned if run.key not in done]
     failed = 0
@@ -147,6 +148,7 @@ def batch(
         # also where it is interrupted: the workers are gone, and rows of what they finished stand
         shutil.rmtree(folder / ATTEMPTS, ignore_errors=True)
         remove_drafts(folder)
+        remove_empty(made)
     frame = compact(folder)
     write_summary(frame, folder / REPORT)
     return frame

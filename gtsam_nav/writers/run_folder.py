@@ -21,7 +21,7 @@ from gtsam_nav.settings import first_fault
 from gtsam_nav.solution import LandmarkEstimates, Solution
 from gtsam_nav.sonar.occupancy import OccupancyGrid, occupancy_grid
 from gtsam_nav.trajectory import Trajectory
-from gtsam_nav.writers.atomic import replacing_folder
+from gtsam_nav.writers.atomic import missing_folders, remove_empty, replacing_folder
 from gtsam_nav.writers.geo import write_geojson
 from gtsam_nav.writers.point_map import write_map_image, write_ply
 from gtsam_nav.writers.pose_graph import write_g2o, write_vertex_times
@@ -164,8 +164,11 @@ def _runs_in(folder: Path) -> Iterator[Path]:
             yield from _runs_in(path)
 
 
-def settle_output(folder: Path, *runs: Path) -> None:
+@contextmanager
+def settled_output(folder: Path, *runs: Path) -> Iterator[None]:
     """Make a folder and see that the results can be put there, before any work is done.
+
+    What was made goes again where no result came of the work.
 
     Raises
     ------
@@ -175,13 +178,18 @@ def settle_output(folder: Path, *runs: Path) -> None:
     for place in runs:
         if place.exists() and not (place / RECORD).is_file():
             raise OutputError(f"{place}: is there and not a run's folder; choose another --out")
+    made = missing_folders(folder)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        reason = error.strerror or type(error).__name__
-        raise OutputError(f"{folder}: cannot write there: {reason}") from error
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=folder):
+                pass
+        except OSError as error:
+            reason = error.strerror or type(error).__name__
+            raise OutputError(f"{folder}: cannot write there: {reason}") from error
+        yield
+    finally:
+        remove_empty(made)
 
 
 @contextmanager
