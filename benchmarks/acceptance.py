@@ -18,6 +18,7 @@ from typing import Literal
 import numpy as np
 
 import gtsam_nav as gn
+from gtsam_nav.errors import GtsamNavError
 
 SEEDS = (1, 2, 3, 4, 5)
 MARINA = ("gnss.use=window", "gnss.window_s=[0,120]")
@@ -100,11 +101,14 @@ def main() -> None:
     parser.add_argument("--stpere", type=Path, help="folder of the St. Pere logs")
     parser.add_argument("--json", type=Path, help="write the figures here")
     arguments = parser.parse_args()
+    try:
+        mission = gn.open_mission(arguments.stpere) if arguments.stpere else None
+    except GtsamNavError as error:
+        parser.error(str(error))
     print(HEADER)
     results: list[RunResult] = []
     wall_s = None
-    if arguments.stpere:
-        mission = gn.open_mission(arguments.stpere)
+    if mission is not None:
         for gnss in ("window", "none"):
             results += [show(stpere(mission, gnss, method)) for method in ("dr", "graph")]
         wall_s = stpere_wall_s(arguments.stpere)

@@ -19,6 +19,7 @@ import numpy as np
 
 import gtsam_nav as gn
 from gtsam_nav.config import Config
+from gtsam_nav.errors import GtsamNavError
 from gtsam_nav.evaluation.relations import (
     LOOP_S,
     RelationErrors,
@@ -83,10 +84,13 @@ def main() -> None:
     parser.add_argument("-c", "--config", type=Path, help="settings other than the defaults")
     parser.add_argument("--json", type=Path, help="write the figures here")
     arguments = parser.parse_args()
-    config = gn.load_config(arguments.config)
-    log = gn.open_mission(arguments.folder / "aces.clf.bz2")
+    try:
+        config = gn.load_config(arguments.config)
+        log = gn.open_mission(arguments.folder / "aces.clf.bz2")
+    except GtsamNavError as error:
+        parser.error(str(error))
     if log.relations is None:
-        raise SystemExit(f"{arguments.folder}: aces.relations is missing")
+        parser.error(f"{arguments.folder}: aces.relations is missing")
     odometry = relation_scores(gn.estimate(log, "dr", config).trajectory, log.relations)
     rows = {
         "odometry, consecutive": odometry.near,

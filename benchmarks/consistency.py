@@ -216,9 +216,12 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="folder for consistency.json and the plots")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes")
     arguments = parser.parse_args()
-    wanted = [
-        case for case in CASES if not arguments.case or any(w in case.name for w in arguments.case)
-    ]
+    parts = arguments.case or [""]
+    for part in parts:
+        if not any(part in case.name for case in CASES):
+            choices = "; ".join(case.name for case in CASES)
+            parser.error(f"no case's name contains '{part}'; the cases are: {choices}")
+    wanted = [case for case in CASES if any(part in case.name for part in parts)]
     document: list[dict[str, Any]] = []
     for case in wanted:
         found = outcome(case, range(arguments.runs), arguments.workers)

@@ -9,14 +9,21 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, Field, FiniteFloat, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    Field,
+    FiniteFloat,
+    ValidationError,
+    model_validator,
+)
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, rotation_from_rpy
 from gtsam_nav.mission import Constraints
 from gtsam_nav.sensors.noise import G_M_S2, NOISE_MODELS, figure_names
 from gtsam_nav.series import SERIES_TYPES
-from gtsam_nav.settings import Settings
+from gtsam_nav.settings import Settings, first_fault
 from gtsam_nav.yaml_files import YamlError, read_yaml_file
 
 MISSION_SECTION = "mission"
@@ -27,6 +34,19 @@ CARD_FOLDERS = (PACKAGE / "datasets", PACKAGE.parent / "datasets")
 
 Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 Model = TypeVar("Model", bound=BaseModel)
+
+FARTHEST_MOUNTING_M = 1000.0
+"""No vehicle is longer: what is farther off is in other units, or a place in the world."""
+
+
+def near_the_body(xyz_m: Vector) -> Vector:
+    """The position again, in m; a ValueError where no vehicle reaches so far."""
+    farthest = max(xyz_m, key=abs)
+    if abs(farthest) > FARTHEST_MOUNTING_M:
+        raise ValueError(
+            f"{farthest:g} m is no place on a vehicle; the limit is {FARTHEST_MOUNTING_M:g} m"
+        )
+    return xyz_m
 
 
 class Described(Settings):
@@ -76,7 +96,7 @@ class SensorCard(Described):
     """
 
     type: str
-    xyz_m: Vector = (0.0, 0.0, 0.0)
+    xyz_m: Annotated[Vector, AfterValidator(near_the_body)] = (0.0, 0.0, 0.0)
     rpy_deg: Vector = (0.0, 0.0, 0.0)
     time_offset_s: FiniteFloat = 0.0
     time_offset: TimeOffset | None = None
@@ -246,7 +266,7 @@ def read_yaml(path: Path, model: type[Model], section: str | None = None) -> Mod
     try:
         return model.model_validate(tree)
     except ValidationError as error:
-        raise DataError(_first_fault(error), path) from error
+        raise DataError(first_fault(error), path) from error
 
 
 def with_mission(path: Path | None) -> Path | None:
@@ -256,10 +276,3 @@ def with_mission(path: Path | None) -> Path | None:
     except YamlError:
         return None
     return path if isinstance(tree, dict) and MISSION_SECTION in tree else None
-
-
-def _first_fault(error: ValidationError) -> str:
-    first = error.errors()[0]
-    key = ".".join(str(part) for part in first["loc"])
-    what = first["msg"].removeprefix("Value error, ")
-    return f"{key}: {what}" if key else what

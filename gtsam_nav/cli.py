@@ -102,6 +102,8 @@ def inspect(
     )
     if found.findings:
         show(finding_table(found.findings), "")
+    if found.edges:
+        show(f"{found.edges} edges of a pose graph, {found.loops} of which close loops")
     show(
         f"span {found.span_s[0]:.1f} to {found.span_s[1]:.1f} s{rest}",
         f"methods that can run: {', '.join(found.methods) or 'none'}",
@@ -131,12 +133,12 @@ def simulate(
     """Write a simulated mission as a mission folder."""
     from gtsam_nav.simulation import simulate as simulated
     from gtsam_nav.writers.mission_folder import check_free, write_mission
-    from gtsam_nav.writers.run_folder import settle_output
+    from gtsam_nav.writers.run_folder import settled_output
 
     check_free(out, force)
-    settle_output(out.parent)
-    mission = simulated(name, seed, duration)
-    write_mission(mission, out)
+    with settled_output(out.parent):
+        mission = simulated(name, seed, duration)
+        write_mission(mission, out)
     start, stop = mission.span_s
     show(f"mission '{mission.name}', {stop - start:.1f} s: {out}")
 
@@ -152,14 +154,14 @@ def convert(
     from gtsam_nav.config import checked_card
     from gtsam_nav.readers import open_mission
     from gtsam_nav.writers.mission_folder import check_free, write_mission
-    from gtsam_nav.writers.run_folder import settle_output
+    from gtsam_nav.writers.run_folder import settled_output
 
     card = checked_card(config)
     check_free(out, force)
-    settle_output(out.parent)
-    with progress_bars(quiet) as progress:
-        opened = open_mission(mission, progress, card)
-    write_mission(opened, out)
+    with settled_output(out.parent):
+        with progress_bars(quiet) as progress:
+            opened = open_mission(mission, progress, card)
+        write_mission(opened, out)
     start, stop = opened.span_s
     show(f"mission '{opened.name}', {stop - start:.1f} s: {out}")
     for (sensor, reason), n in opened.dropped.items():

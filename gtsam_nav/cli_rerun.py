@@ -22,25 +22,30 @@ def rerun(
     quiet: QuietOption = False,
 ) -> None:
     """Repeat finished runs from their records, and compare every result."""
-    from gtsam_nav.rerun import repeat
+    from gtsam_nav.rerun import CHANGED, repeat
     from gtsam_nav.tables import repetition_table
     from gtsam_nav.writers.run_folder import find_runs
+    from gtsam_nav.writers.run_record import CONFIG
 
     folders = find_runs(run)
     if out is not None and any(
-        (out / folder.name).resolve() == folder.resolve() for folder in folders
+        (out / folder.relative_to(run).parent / folder.name).resolve() == folder.resolve()
+        for folder in folders
     ):
         raise OutputError(f"{out}: holds the runs themselves; choose another --out")
     differing = []
     with TemporaryDirectory(prefix="gtsam-nav-") as made:
         for folder in folders:
             with progress_bars(quiet) as progress:
-                repetition = repeat(folder, out or Path(made), progress)
+                place = (out or Path(made)) / folder.relative_to(run).parent
+                repetition = repeat(folder, place, progress)
             show(repetition_table(str(folder), repetition))
             for name, (then, now) in repetition.versions.items():
                 say(f"note: {name} was {then or 'not there'}, is {now or 'not there'} now")
+            if repetition.files[CONFIG] == CHANGED:
+                say(f"note: {folder / CONFIG} {CHANGED}: this was a run of other settings")
             if not repetition.is_same:
-                differing.append(folder.name)
+                differing.append(str(folder.relative_to(run.parent)))
     if differing:
         raise RepetitionError(f"{run}: not the same again: {', '.join(differing)}")
     show(f"{run}: the same again")

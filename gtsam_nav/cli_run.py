@@ -70,7 +70,7 @@ def run(
     from gtsam_nav.evaluation.report import write_report
     from gtsam_nav.methods import check_method
     from gtsam_nav.simulation import parse_fault
-    from gtsam_nav.writers.run_folder import find_runs, settle_output
+    from gtsam_nav.writers.run_folder import find_runs, settled_output
 
     resolved = load_config(config, overrides)
     names = list(dict.fromkeys(method))
@@ -78,8 +78,8 @@ def run(
         check_method(name)
     faults = [parse_fault(spec) for spec in inject]
     folder = out or Path("out") / mission.resolve().name
-    settle_output(folder, *(folder / name for name in names))
-    with progress_bars(quiet) as progress:
+    places = [folder / name for name in names]
+    with settled_output(folder, *places), progress_bars(quiet) as progress:
         begin = time.perf_counter()
         opened = with_alerts(open_cropped(mission, start, stop, progress, with_mission(config)))
         solutions, failures = estimate_each(
@@ -90,7 +90,8 @@ def run(
     if report is not None:
         show_runs({solution.method: folder / solution.method for solution in solutions})
         show("", f"{wall_s:.1f} s from opening the mission to the last result", f"report: {report}")
-        earlier = [found.name for found in find_runs(folder) if found.name not in names]
+        beside = (found for found in find_runs(folder) if found.parent == folder)
+        earlier = [found.name for found in beside if found.name not in names]
         if earlier:
             say(f"note: {folder} also holds an earlier run of {', '.join(earlier)}")
     if not solutions:  # else they are among the warnings of the runs

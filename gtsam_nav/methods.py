@@ -94,6 +94,14 @@ def _check_faults(method: str, mission: Mission) -> None:
             raise ConfigError(f"'{fault}': only graph takes false loop closures, not {method}")
 
 
+def _warnings_on_edges(method: str, mission: Mission) -> tuple[str, ...]:
+    """What every method but the graph leaves out of a pose graph."""
+    if method == "graph" or mission.edges is None:
+        return ()
+    n = mission.edges.n_loops
+    return (f"{n} edges close loops, which only the method graph uses",) if n else ()
+
+
 def estimate(
     mission: Mission,
     method: str = "graph",
@@ -149,7 +157,8 @@ def estimate(
     _check_faults(method, blind)
     motion, notes = fitted_to(blind, config.motion)
     config = config.model_copy(update={"motion": motion})
-    blind = replace(blind, warnings=(*blind.warnings, *notes, *warnings_on_turns(blind)))
+    notes = (*notes, *warnings_on_turns(blind), *_warnings_on_edges(method, blind))
+    blind = replace(blind, warnings=(*blind.warnings, *notes))
     run: Method = import_module(_METHODS[method].module).estimate
     try:
         # matrices of a thousand rows: more BLAS threads spend their time waiting for each other

@@ -14,9 +14,16 @@ from gtsam_nav.simulation import parse_fault
 from gtsam_nav.solution import Progress, no_progress
 from gtsam_nav.writers.run_comparison import Repetition, compare
 from gtsam_nav.writers.run_folder import write_run
-from gtsam_nav.writers.run_record import RECORD, RunRecord, installed_versions, read_record, sha256
+from gtsam_nav.writers.run_record import (
+    CONFIG,
+    RECORD,
+    RunRecord,
+    installed_versions,
+    read_record,
+    sha256,
+)
 
-CONFIG = "config.yaml"
+CHANGED = "was changed since the run"
 
 
 def repeat(run: Path, out: Path, progress: Progress = no_progress) -> Repetition:
@@ -48,8 +55,15 @@ def repeat(run: Path, out: Path, progress: Progress = no_progress) -> Repetition
     )
     faults = [parse_fault(spec) for spec in record.faults]
     solution = estimate(mission, record.method, config, progress, faults)
-    again = write_run(solution, config, out)
-    return Repetition(compare(run, again), changed_versions(record))
+    files = compare(run, write_run(solution, config, out))
+    if config_was_changed(record, run):
+        files[CONFIG] = CHANGED
+    return Repetition(files, changed_versions(record))
+
+
+def config_was_changed(record: RunRecord, run: Path) -> bool:
+    """Whether a run's config.yaml is no longer what the run wrote, as far as its record tells."""
+    return record.config_sha256 not in (None, sha256(run / CONFIG))
 
 
 def check_sources(record: RunRecord, run: Path) -> None:

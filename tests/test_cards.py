@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 
 from gtsam_nav import cards
-from gtsam_nav.cards import load_card
+from gtsam_nav.cards import SensorCard, load_card, read_yaml
 from gtsam_nav.errors import DataError
 from gtsam_nav.mission import Constraints
+from gtsam_nav.readers._file_card import FileCard
 
 SHIPPED = sorted((Path(__file__).parents[1] / "datasets").glob("*.yaml"))
 STPERE = next(path for path in SHIPPED if path.stem == "stpere")
@@ -54,3 +55,17 @@ def test_a_damaged_card_names_file_and_key(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setattr(cards, "CARD_FOLDERS", (tmp_path,))
     with pytest.raises(DataError, match=r"damaged\.yaml.*unknown key 'rpy_rad'; the choices are"):
         load_card("damaged")
+
+
+@pytest.mark.parametrize(("far_m", "said"), [("-1e300", "-1e+300 m"), ("1000.5", "1000.5 m")])
+def test_a_mounting_beyond_any_vehicle_is_refused(tmp_path: Path, far_m: str, said: str) -> None:
+    path = tmp_path / "card.yaml"
+    path.write_text(f"sensors:\n  dvl: {{type: dvl, xyz_m: [0.0, 0.0, {far_m}]}}\n")
+    with pytest.raises(DataError) as told:
+        read_yaml(path, FileCard)
+    expected = f"sensors.dvl.xyz_m: {said} is no place on a vehicle; the limit is 1000 m"
+    assert expected in str(told.value)
+
+
+def test_the_longest_vehicle_may_carry_a_sensor_at_its_end() -> None:
+    assert SensorCard(type="dvl", xyz_m=(-1000.0, 0.0, 1000.0)).xyz_m == (-1000.0, 0.0, 1000.0)

@@ -561,6 +561,23 @@ def test_an_internal_error_is_one_line_unless_debugged(
     assert "Traceback" in gtsam_nav("--debug", *run).err
 
 
+@pytest.mark.parametrize("command", [("run",), ("convert",), ("batch", "--workers", "0")])
+def test_a_refusal_leaves_no_folder(
+    gtsam_nav: CommandLine, tmp_path: Path, command: tuple[str, ...]
+) -> None:
+    (tmp_path / "nothing").mkdir()
+    out = tmp_path / "made" / "for" / "it"
+    ended = gtsam_nav(*command, tmp_path / "nothing", "--out", out)
+    assert ended.code in (2, 3)
+    assert not (tmp_path / "made").exists()
+
+
+def test_a_refusal_leaves_a_folder_that_was_there(gtsam_nav: CommandLine, tmp_path: Path) -> None:
+    (tmp_path / "there").mkdir()
+    assert gtsam_nav("run", tmp_path / "absent", "--out", tmp_path / "there").code == 3
+    assert (tmp_path / "there").is_dir()
+
+
 def test_interruption_ends_in_130(
     gtsam_nav: CommandLine,
     mission_folder: Path,

@@ -68,7 +68,7 @@ def test_other_settings_come_out_otherwise(run: Path, tmp_path: Path) -> None:
     (run / "config.yaml").write_text(text.replace("seed: 5", "seed: 6"))
     repetition = repeat(run, tmp_path / "again")
     assert not repetition.is_same
-    assert repetition.files["config.yaml"] == SAME
+    assert repetition.files["config.yaml"] == "was changed since the run"
     assert "from line" in repetition.files["rejections.csv"] or repetition.files["trajectory.tum"]
 
 
@@ -76,6 +76,40 @@ def altered(run: Path, **changes: object) -> Path:
     document = json.loads((run / "run.json").read_text())
     (run / "run.json").write_text(json.dumps({**document, **changes}))
     return run
+
+
+def test_an_edited_configuration_is_named(run: Path, tmp_path: Path) -> None:
+    with (run / "config.yaml").open("a") as stream:
+        stream.write("# my own\n")
+    failed = CliRunner().invoke(app, ["rerun", str(run), "--out", str(tmp_path / "again")])
+    assert isinstance(failed.exception, RepetitionError)
+    assert "config.yaml was changed since the run" in " ".join(failed.output.split())
+
+
+def test_a_record_of_an_earlier_version_can_be_repeated(run: Path, tmp_path: Path) -> None:
+    document = json.loads((run / "run.json").read_text())
+    del document["config_sha256"]
+    (run / "run.json").write_text(json.dumps(document))
+    assert repeat(run, tmp_path / "again").is_same
+
+
+def test_the_runs_of_a_batch_are_repeated_side_by_side(run: Path, tmp_path: Path) -> None:
+    for mission in ("m0", "m1"):
+        shutil.copytree(run, tmp_path / "batch" / mission / METHOD)
+    arguments = ["rerun", str(tmp_path / "batch"), "--out", str(tmp_path / "kept")]
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 0, done.output
+    for mission in ("m0", "m1"):
+        assert (tmp_path / "kept" / mission / METHOD / "run.json").is_file()
+
+
+@pytest.mark.parametrize("text", ['{"method": 3}', "{", "[]"])
+def test_a_damaged_record_is_told_in_a_line(run: Path, text: str) -> None:
+    (run / "run.json").write_text(text)
+    with pytest.raises(DataError, match=r"run\.json: is no record of a run: ") as told:
+        read_record(run / "run.json")
+    assert "\n" not in str(told.value)
+    assert "://" not in str(told.value)
 
 
 def test_files_that_changed_or_are_gone_are_named(run: Path, tmp_path: Path) -> None:

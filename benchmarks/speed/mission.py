@@ -6,6 +6,7 @@ in its cache is compiled within the stages, so that the first run ever is slower
 
 from __future__ import annotations
 
+import argparse
 import json
 import sys
 import tempfile
@@ -14,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import gtsam_nav as gn
+from gtsam_nav.errors import GtsamNavError
 
 
 def peak_mb() -> float:
@@ -65,6 +67,19 @@ def run(path: Path, method: str, overrides: list[str]) -> dict[str, Any]:
     }
 
 
+def main() -> None:
+    """Print the figures of one run."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.speed.mission", description=__doc__)
+    parser.add_argument("mission", type=Path, metavar="PATH", help="mission folder or logs")
+    parser.add_argument("method", metavar="METHOD", help="as in gtsam-nav run -m")
+    parser.add_argument("overrides", nargs="*", metavar="KEY=VALUE", help="settings")
+    arguments = parser.parse_args()
+    try:
+        figures = run(arguments.mission, arguments.method, arguments.overrides)
+    except GtsamNavError as error:
+        parser.error(str(error))
+    json.dump(figures, sys.stdout)
+
+
 if __name__ == "__main__":
-    place, name, *settings = sys.argv[1:]
-    json.dump(run(Path(place), name, settings), sys.stdout)
+    main()

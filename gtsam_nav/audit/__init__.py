@@ -39,6 +39,8 @@ class Audit:
     sonars : tuple of SonarHead
     rest_s : float or None
         How long the vehicle lies still at first; None where no sensor tells.
+    edges, loops : int
+        Relative poses of a pose graph, and how many of them close loops.
     methods : tuple of str
         Estimation methods that the mission's sensors suffice for.
     findings : tuple of Finding
@@ -56,6 +58,8 @@ class Audit:
     dvls: tuple[DvlLock, ...]
     sonars: tuple[SonarHead, ...]
     rest_s: float | None
+    edges: int
+    loops: int
     methods: tuple[str, ...]
     findings: tuple[Finding, ...]
     warnings: tuple[str, ...]
@@ -117,6 +121,8 @@ def audit(mission: Mission) -> Audit:
         dvls=dvls,
         sonars=tuple(head for head in heads.values() if head is not None),
         rest_s=initial_rest_s(mission),
+        edges=0 if mission.edges is None else len(mission.edges),
+        loops=0 if mission.edges is None else mission.edges.n_loops,
         methods=runnable_methods(mission),
         findings=tuple(findings()),
         warnings=mission.warnings,

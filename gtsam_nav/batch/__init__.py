@@ -61,7 +61,7 @@ class BatchProgress:
 def batch(
     missions: Path | str | Iterable[Path | str],
     out: Path | str,
-    methods: Sequence[str] = ("graph",),
+    methods: str | Sequence[str] = ("graph",),
     *,
     config: Config | None = None,
     sweep: Mapping[str, Sequence[Any]] | None = None,
@@ -83,8 +83,8 @@ def batch(
     out : Path or str
         ``out/<mission>/[<sweep>/]<method>/`` is a run's folder, ``out/results.parquet`` the table
         (see `gtsam_nav.batch.table`), ``out/report.html`` the summary.
-    methods : sequence of str
-        Of `gtsam_nav.methods`.
+    methods : str or sequence of str
+        Of `gtsam_nav.methods`; one at least.
     config : Config, optional
         Defaults that hold for every mission where absent.
     sweep : mapping of str to sequence, optional
@@ -108,7 +108,7 @@ def batch(
     Raises
     ------
     ConfigError
-        For an unknown method or setting, or a scheduler that does not answer.
+        For an unknown method or setting, none at all, or a scheduler that does not answer.
     DataError
         Where a pattern matches nothing.
     OutputError
@@ -118,18 +118,20 @@ def batch(
 
     from gtsam_nav.batch.plan import plan_runs
     from gtsam_nav.batch.summary import write_summary
-    from gtsam_nav.batch.table import compact
+    from gtsam_nav.batch.table import TABLE, compact
     from gtsam_nav.batch.work import ATTEMPTS
     from gtsam_nav.batch.workers import carry_out_all, connect
     from gtsam_nav.config import Config
     from gtsam_nav.methods import check_method
-    from gtsam_nav.writers.atomic import remove_drafts
+    from gtsam_nav.writers.atomic import missing_folders, remove_drafts, remove_empty
 
-    for method in methods:
-        check_method(method)
+    names = [methods] if isinstance(methods, str) else methods
+    for name in names:
+        check_method(name)
     folder = Path(out).absolute()
     patterns = [missions] if isinstance(missions, Path | str) else missions
-    planned = plan_runs(patterns, folder, methods, config or Config(), sweep or {})
+    planned = plan_runs(patterns, folder, names, config or Config(), sweep or {})
+    made = missing_folders(folder / TABLE)
     done = _begin(folder, planned, resume)
     runs = [run for run in planned if run.key not in done]
     failed = 0
@@ -146,6 +148,7 @@ def batch(
         # also where it is interrupted: the workers are gone, and rows of what they finished stand
         shutil.rmtree(folder / ATTEMPTS, ignore_errors=True)
         remove_drafts(folder)
+        remove_empty(made)
     frame = compact(folder)
     write_summary(frame, folder / REPORT)
     return frame

@@ -84,10 +84,15 @@ def plan_runs(
     Raises
     ------
     ConfigError
-        For a swept setting that is unknown or out of range.
+        For a swept setting that is unknown, out of range or without a value, or without a method.
     DataError
         Where a pattern matches nothing.
     """
+    if not methods:
+        raise ConfigError("no method is given; at least one is needed")
+    for key, values in sweep.items():
+        if not values:
+            raise ConfigError(f"no value is given to sweep '{key}'; at least one is needed")
     configs = [
         (parameters, override_config(config, [_override(*item) for item in parameters.items()]))
         for parameters in combinations(sweep)

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from xml.etree.ElementTree import Element
 
 from gtsam_nav.batch.markup import element, page, table
@@ -21,7 +21,13 @@ if TYPE_CHECKING:
     import pandas as pd
 
 MOST_WORST = 30
-"""Runs that the page lists, worst first; the table has all."""
+"""Runs that the page lists, worst first, and of those without a score; the table has all."""
+
+LONGEST_MESSAGE = 300
+"""Characters of an error that the page shows; the table has all."""
+
+NUMBER = re.compile(r"(?<![\w.])(?<![A-Za-z]-)(?!0\d)\d+(\.\d+)?(e[-+]?\d+)?(?!\w)")
+"""One that stands alone: not the digits of utf-8, x1 or NMEA 0183."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +90,7 @@ def _generic(message: str, path: str, mission: str) -> str:
     """A message without what differs between missions that fail alike."""
     for name in (path, mission):
         message = message.replace(name, "MISSION")
-    return re.sub(r"(?<![\w.])\d+(\.\d+)?(?!\w)", "#", message)
+    return NUMBER.sub("#", message)
 
 
 def _section(title: str, *content: Element | str | None) -> Element:
@@ -164,11 +170,15 @@ def _failures(results: pd.DataFrame) -> Element:
     if not groups:
         return _section("Failures by cause", element("p", "None."))
     rows = [
-        (g.cause, g.message, ", ".join(g.methods), _few(g.missions), str(len(g.missions)))
+        (g.cause, _short(g.message), ", ".join(g.methods), _few(g.missions), str(len(g.missions)))
         for g in groups
     ]
     header = ("cause", "message", "methods", "which", "missions")
     return _section("Failures by cause", table(header, rows, names=4))
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= LONGEST_MESSAGE else f"{text[: LONGEST_MESSAGE - 1]}…"
 
 
 def _few(names: tuple[str, ...], most: int = 5) -> str:
@@ -194,24 +204,34 @@ def _cost(results: pd.DataFrame) -> Element:
 
 
 def _worst(ranking: Ranking, results: pd.DataFrame, folder: Path) -> Element | None:
-    if ranking.score is None:
+    """The runs that finished: those with a score, worst first, then those without one."""
+    good = results[results["cause"].isna()]
+    if good.empty:
         return None
-    good = results[results["cause"].isna() & results[ranking.score].notna()]
-    worst = good.sort_values(ranking.score, ascending=False).head(MOST_WORST)
-    rows = [
-        (
-            element("a", str(r["mission"]), href=_link(str(r["folder"]), folder)),
-            f"{r['method']} {r['sweep']}".strip(),
-            _figure(r[ranking.score]),
-            _figure(r["nees_mean"]),
-            _figure(r["coverage"], 3),
-            _figure(r["wall_s"], 1),
-        )
-        for r in worst.to_dict("records")
-    ]
-    header = ("mission", "variant", SCORES[ranking.score], "NEES", "coverage", "wall s")
-    title = "All runs, worst first" if len(good) <= MOST_WORST else f"The {MOST_WORST} worst runs"
-    return _section(title, table(header, rows, names=2))
+
+    def cells(run: dict[str, Any], error: str) -> list[Element | str]:
+        link = element("a", str(run["mission"]), href=_link(str(run["folder"]), folder))
+        variant = f"{run['method']} {run['sweep']}".strip()
+        rest = (_figure(run["nees_mean"]), _figure(run["coverage"], 3), _figure(run["wall_s"], 1))
+        return [link, variant, error, *rest]
+
+    score, rows, unscored = ranking.score, list[list[Element | str]](), good
+    if score is not None:
+        worst = good[good[score].notna()].sort_values(score, ascending=False)
+        rows += [cells(run, _figure(run[score])) for run in _first(worst)]
+        unscored = good[good[score].isna()]
+    rows += [cells(run, "no score") for run in _first(unscored)]
+    error = "score" if score is None else SCORES[score]
+    header = ("mission", "variant", error, "NEES", "coverage", "wall s")
+    every = len(rows) == len(good)
+    title = "All runs, worst first" if every else f"The {MOST_WORST} worst runs"
+    more = len(unscored) - MOST_WORST
+    note = element("p", f"{more} more have no score.", class_="note") if more > 0 else None
+    return _section(title, table(header, rows, names=2), note)
+
+
+def _first(runs: pd.DataFrame) -> list[dict[str, Any]]:
+    return runs.head(MOST_WORST).to_dict("records")  # type: ignore[return-value]
 
 
 def _link(run: str, folder: Path) -> str:

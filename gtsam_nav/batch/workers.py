@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Iterator, Sequence
+import signal
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
+from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -71,6 +73,7 @@ def _own_processes(count: int) -> Iterator[Client]:
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     with (
         dask.config.set(LOCAL),
+        _spared_by_ctrl_c() as all_started,
         LocalCluster(
             n_workers=count,
             threads_per_worker=1,
@@ -79,9 +82,27 @@ def _own_processes(count: int) -> Iterator[Client]:
             dashboard_address="127.0.0.1:0",
             silence_logs=logging.CRITICAL,
         ) as cluster,
-        Client(cluster) as client,
     ):
-        yield client
+        all_started()
+        with Client(cluster) as client:
+            yield client
+
+
+@contextmanager
+def _spared_by_ctrl_c() -> Iterator[Callable[[], None]]:
+    """Threads begun in here, and processes begun by those, never get SIGINT: a terminal sends it
+    to the workers too, but the parent ends them. Ends early where what is yielded is called."""
+    # begun in here by the first process, it would let SIGINT through again
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+
+    def end() -> None:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+    try:
+        yield end
+    finally:
+        end()
 
 
 @contextmanager

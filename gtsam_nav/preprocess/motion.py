@@ -218,12 +218,16 @@ def _velocities(
         for k in np.flatnonzero(~used)
     )
     # white readings every dt integrate to a random walk of variance sigma^2 dt per second
-    usual_growth = float(np.median(z.sigma**2) * np.median(np.diff(z.t)))
-    position_variance = _walked(t, z.t[used], usual_growth, settings.sigma_accel_m_s2)
+    usual_gap = float(np.median(np.diff(z.t)))
+    usual_growth = float(np.median(z.sigma**2)) * usual_gap
+    sigma_accel = settings.sigma_accel_m_s2
+    position_variance = _walked(t, z.t[used], usual_gap, usual_growth, sigma_accel)
     return v_b, sigma_v, position_variance, usual_growth, (*rejections, *spikes)
 
 
-def _walked(t: Array, t_readings: Array, usual_growth: float, sigma_accel: float) -> Array:
+def _walked(
+    t: Array, t_readings: Array, usual_gap: float, usual_growth: float, sigma_accel: float
+) -> Array:
     """Variance of the position since the start: usual growth, and more where readings lack.
 
     Over a gap of length L a velocity that walks with density q and is known at both ends leaves
@@ -232,7 +236,6 @@ def _walked(t: Array, t_readings: Array, usual_growth: float, sigma_accel: float
     q = sigma_accel**2
     marks = np.concatenate([[min(t[0], t_readings[0])], t_readings, [max(t[-1], t_readings[-1])]])
     gap = np.diff(marks)
-    usual_gap = float(np.median(np.diff(t_readings)))
     excess = np.where(gap > 3 * usual_gap, q * gap**3 / 12, 0.0)
     excess[[0, -1]] = q * gap[[0, -1]] ** 3 / 3
     total = np.concatenate([[0.0], np.cumsum(usual_growth * gap + excess)])

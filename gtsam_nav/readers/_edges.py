@@ -97,11 +97,3 @@ def read_edges(path: Path) -> tuple[PoseEdges | None, int]:
     kept = np.all(np.isfinite(np.hstack([t, q])), axis=1) & _definite(cov) & (t[:, 0] != t[:, 1])
     edges = PoseEdges(t[kept], q[kept], cov[kept]) if np.any(kept) else None
     return edges, int(np.sum(~kept)) + (table.cut_stamp is not None)
-
-
-def loops_said(edges: PoseEdges | None) -> list[str]:
-    """What the user must hear of the loops."""
-    if edges is None:
-        return []
-    n = int(np.sum(np.abs(edges.t[:, 1] - edges.t[:, 0]) > 1))
-    return [f"{n} edges close loops, which only the method graph uses"]

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from gtsam_nav.cards import near_the_body
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import FLU_FROM_FRD, Array
 from gtsam_nav.readers._ros_bag import Transform
@@ -85,3 +86,14 @@ class Frames:
             parent, R_ps, p_ps = self._parents[name]
             found.append((parent, R_ps @ R, R_ps @ p + p_ps))
         return found
+
+
+def check_near_the_body(sensor: str, mounting: Mounting) -> None:
+    """Raise a DataError where the static transforms put a sensor farther than a vehicle reaches."""
+    forward, starboard, down = mounting[1].tolist()
+    try:
+        near_the_body((forward, starboard, down))
+    except ValueError as error:
+        raise DataError(
+            f"sensor '{sensor}' by the static transforms: {error}; a card may state its xyz_m"
+        ) from error

@@ -28,7 +28,7 @@ from gtsam_nav.frames import Array, rpy_from_quaternion
 from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.preprocess.cleaning import tidy
 from gtsam_nav.readers._clock import on_mission_time
-from gtsam_nav.readers._edges import loops_said, split_edges
+from gtsam_nav.readers._edges import split_edges
 from gtsam_nav.readers._odometry import step_speeds
 from gtsam_nav.readers._text import TRUNCATED, first_lines, stream_lines
 from gtsam_nav.series import IntArray, LandmarkSeries, Series
@@ -89,7 +89,7 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
         },
         edges=edges,
         rejections=tuple(rejections),
-        warnings=(*graph.warnings(), *loops_said(edges)),
+        warnings=tuple(graph.warnings()),
         sources=(path,),
     )
     return on_mission_time(mission, dict.fromkeys(cleaned, 0.0))

@@ -48,7 +48,7 @@ from gtsam_nav.readers._ros_clock import (
 from gtsam_nav.readers._ros_clouds import PLACE, CloudPlaces, cloud_series
 from gtsam_nav.readers._ros_dialects import Columns
 from gtsam_nav.readers._ros_messages import NO_FIX, Sample
-from gtsam_nav.readers._ros_mounting import Frames, Mounting
+from gtsam_nav.readers._ros_mounting import Frames, Mounting, check_near_the_body
 from gtsam_nav.readers._ros_parts import check_one_recording
 from gtsam_nav.readers._ros_rows import Cleaned, Rows, beams, scans, with_usual_noise
 from gtsam_nav.readers.contents import Contents, Stream
@@ -273,6 +273,8 @@ class _Reading:
         frame = self.clocks[choice.topic.name].frame
         found = self.frames.mounting(frame, turned=choice.dialect.turned)
         if found is not None:
+            if choice.dialect.sensor not in BARE_TYPES:
+                check_near_the_body(choice.name, found)
             return found
         if choice.dialect.sensor not in BARE_TYPES:
             self.unmounted[choice.name] = frame

@@ -33,7 +33,7 @@ from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.preprocess.cleaning import tidy
 from gtsam_nav.readers._clock import on_mission_time
-from gtsam_nav.readers._edges import loops_said, split_edges
+from gtsam_nav.readers._edges import split_edges
 from gtsam_nav.readers._text import TRUNCATED, read_lines
 from gtsam_nav.sensors.noise import LandmarkNoise, OdometryNoise
 from gtsam_nav.series import IntArray, LandmarkSeries, Series
@@ -138,7 +138,7 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
         sensors=sensors,
         edges=edges,
         rejections=tuple(r for _, dropped in cleaned.values() for r in dropped),
-        warnings=(*_warnings(lines, len(poses), sensors), *loops_said(edges)),
+        warnings=tuple(_warnings(lines, len(poses), sensors)),
         sources=(path,),
     )
     return on_mission_time(mission, dict.fromkeys(cleaned, 0.0))
@@ -152,7 +152,7 @@ def _warnings(lines: _Lines, n_poses: int, sensors: dict[str, Sensor]) -> list[s
     known = len(sensors["odometry"].series) if "odometry" in sensors else 0
     if known < n_poses - 1:
         found.append(f"no edge joins {n_poses - 1 - known} of {n_poses - 1} neighbouring poses")
-    if "landmarks" not in sensors:
+    if len(lines.sightings) and "landmarks" not in sensors:
         found.append("the graph has no usable sighting of a landmark")
     return found
 

@@ -34,6 +34,9 @@ SCENARIOS: dict[str, Callable[[int], Scenario]] = {
 }
 """Names that `simulate` takes, and what makes the scenario of a seed."""
 
+SHORTEST_S, LONGEST_S = 1.0, 1e5
+"""Bounds of a mission's length: over a day would not fit in memory."""
+
 START_UTC = 1_750_000_000.0
 """Simulated missions begin on 15 June 2025."""
 
@@ -99,12 +102,14 @@ def simulate(
     Raises
     ------
     ConfigError
-        For an unknown name, a negative seed, or a duration under a second.
+        For an unknown name, a negative seed, or a duration under a second or over 1e5 s.
     """
     chosen = make_scenario(name, seed)
     duration_s = chosen.duration_s if duration_s is None else duration_s
-    if not (np.isfinite(duration_s) and duration_s >= 1.0):
-        raise ConfigError(f"duration is {duration_s} s; at least 1 s is needed")
+    if not SHORTEST_S <= duration_s <= LONGEST_S:
+        raise ConfigError(
+            f"duration is {duration_s:g} s; it must lie between {SHORTEST_S:g} and {LONGEST_S:g} s"
+        )
     s = settings or chosen.settings
     children = np.random.SeedSequence(seed).spawn(len(STREAMS))
     rng = {k: np.random.default_rng(child) for k, child in zip(STREAMS, children, strict=True)}

@@ -17,14 +17,22 @@ from pydantic import ValidationError
 from gtsam_nav.config import Config
 from gtsam_nav.errors import DataError, OutputError
 from gtsam_nav.evaluation.metrics import Metrics, evaluate
+from gtsam_nav.settings import first_fault
 from gtsam_nav.solution import LandmarkEstimates, Solution
 from gtsam_nav.sonar.occupancy import OccupancyGrid, occupancy_grid
 from gtsam_nav.trajectory import Trajectory
-from gtsam_nav.writers.atomic import replacing_folder
+from gtsam_nav.writers.atomic import missing_folders, remove_empty, replacing_folder
 from gtsam_nav.writers.geo import write_geojson
 from gtsam_nav.writers.point_map import write_map_image, write_ply
 from gtsam_nav.writers.pose_graph import write_g2o, write_vertex_times
-from gtsam_nav.writers.run_record import RECORD, RunRecord, make_record, read_record, write_record
+from gtsam_nav.writers.run_record import (
+    CONFIG,
+    RECORD,
+    RunRecord,
+    make_record,
+    read_record,
+    write_record,
+)
 from gtsam_nav.writers.tables import EXACT, write_records, write_table
 from gtsam_nav.writers.trajectories import (
     read_trajectory_csv,
@@ -94,8 +102,8 @@ def write_run(
     with _replacing(target) as draft:
         skipped = _write_results(solution, draft)
         _write_metrics(metrics, draft / "metrics.json")
-        (draft / "config.yaml").write_text(config.to_yaml(), encoding="utf-8", newline="\n")
-        record = make_record(solution, config.seed, skipped, command, None)
+        (draft / CONFIG).write_text(config.to_yaml(), encoding="utf-8", newline="\n")
+        record = make_record(solution, config, skipped, command, None)
         if wall_s is not None:
             wall_s += time.perf_counter() - begin
             factor = record.mission_s / wall_s
@@ -117,8 +125,9 @@ def read_run(folder: Path) -> Run:
     path = folder / "metrics.json"
     try:
         metrics = Metrics.from_json(json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, ValueError, ValidationError) as error:
-        raise DataError(f"cannot read the metrics: {error}", path) from error
+    except (OSError, ValueError) as error:
+        what = first_fault(error) if isinstance(error, ValidationError) else error
+        raise DataError(f"cannot read the metrics: {what}", path) from error
     exact = read_tum(folder / "trajectory.tum")
     trajectory = read_trajectory_csv(folder / "trajectory.csv")
     if len(trajectory) != len(exact):
@@ -134,22 +143,32 @@ def read_run(folder: Path) -> Run:
 
 
 def find_runs(folder: Path) -> list[Path]:
-    """The run folders at a path: itself, or those right below it, by name.
+    """The run folders at a path: itself, or those anywhere below it, by name.
 
     Raises
     ------
     DataError
         Where there is none.
     """
-    candidates = [folder, *sorted(folder.glob("[!.]*"))] if folder.is_dir() else []
-    runs = [path for path in candidates if (path / RECORD).is_file()]
+    runs = list(_runs_in(folder))
     if not runs:
         raise DataError(f"no run here: neither it nor a folder in it has a {RECORD}", folder)
-    return runs[:1] if runs[0] == folder else runs
+    return runs
 
 
-def settle_output(folder: Path, *runs: Path) -> None:
+def _runs_in(folder: Path) -> Iterator[Path]:
+    if (folder / RECORD).is_file():
+        yield folder
+    elif folder.is_dir() and not folder.is_symlink():
+        for path in sorted(folder.glob("[!.]*")):  # those of a dot are drafts
+            yield from _runs_in(path)
+
+
+@contextmanager
+def settled_output(folder: Path, *runs: Path) -> Iterator[None]:
     """Make a folder and see that the results can be put there, before any work is done.
+
+    What was made goes again where no result came of the work.
 
     Raises
     ------
@@ -159,13 +178,18 @@ def settle_output(folder: Path, *runs: Path) -> None:
     for place in runs:
         if place.exists() and not (place / RECORD).is_file():
             raise OutputError(f"{place}: is there and not a run's folder; choose another --out")
+    made = missing_folders(folder)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        reason = error.strerror or type(error).__name__
-        raise OutputError(f"{folder}: cannot write there: {reason}") from error
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=folder):
+                pass
+        except OSError as error:
+            reason = error.strerror or type(error).__name__
+            raise OutputError(f"{folder}: cannot write there: {reason}") from error
+        yield
+    finally:
+        remove_empty(made)
 
 
 @contextmanager

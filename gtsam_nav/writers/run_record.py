@@ -14,12 +14,15 @@ from pathlib import Path
 from pydantic import TypeAdapter, ValidationError
 
 import gtsam_nav
+from gtsam_nav.config import Config
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Origin
 from gtsam_nav.mission import Opening, SonarKind
+from gtsam_nav.settings import first_fault
 from gtsam_nav.solution import Solution
 
 RECORD = "run.json"
+CONFIG = "config.yaml"
 PACKAGES = (
     *("gtsam", "numpy", "scipy", "numba", "pymap3d", "pydantic", "pyyaml", "matplotlib"),
     *("rosbags", "kiss-icp", "open3d"),
@@ -41,6 +44,8 @@ class RunRecord:
     georeferenced : bool
         Whether positions are absolute.
     seed : int
+    config_sha256 : str or None
+        SHA-256 of the run's config.yaml; None in the record of an earlier version.
     command : str or None
         The command line, where there was one.
     versions : mapping of str to str
@@ -70,6 +75,7 @@ class RunRecord:
     sonar: SonarKind | None
     georeferenced: bool
     seed: int
+    config_sha256: str | None = None
     command: str | None
     versions: Mapping[str, str]
     sources: Mapping[str, str]
@@ -85,7 +91,7 @@ class RunRecord:
 
 def make_record(
     solution: Solution,
-    seed: int,
+    config: Config,
     skipped: Mapping[str, str],
     command: str | None,
     wall_s: float | None,
@@ -100,7 +106,8 @@ def make_record(
         start_utc=mission.start_utc,
         sonar=solution.sonar_kind,
         georeferenced=solution.georeferenced,
-        seed=seed,
+        seed=config.seed,
+        config_sha256=hashlib.sha256(config.to_yaml().encode()).hexdigest(),
         command=command,
         versions=installed_versions(),
         sources={str(path.absolute()): sha256(path) for path in mission.sources},
@@ -141,8 +148,10 @@ def read_record(path: Path) -> RunRecord:
     """
     try:
         return TypeAdapter(RunRecord).validate_json(path.read_bytes())
-    except (OSError, ValidationError) as error:
-        raise DataError(f"cannot read the record of the run: {error}", path) from error
+    except OSError as error:
+        raise DataError(f"cannot read the record of the run: {error.strerror}", path) from error
+    except ValidationError as error:
+        raise DataError(f"is no record of a run: {first_fault(error)}", path) from error
 
 
 def sha256(path: Path) -> str:

@@ -203,6 +203,33 @@ def test_a_killed_batch_leaves_its_rows_and_can_be_resumed(
     assert causes(resumed) == {"m0": None, "m1": None, "bad": "DataError"}
 
 
+@pytest.mark.slow
+def test_ctrl_c_ends_a_batch_without_a_word_of_its_workers(
+    missions: Path, long: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    table = out / "results.parquet"
+    command = [
+        *(sys.executable, "-c", "from gtsam_nav.cli import main; main()"),
+        *("batch", str(missions / "m0"), str(long), "--out", str(out), "-m", "graph", "--quiet"),
+    ]
+    with subprocess.Popen(
+        [*command, "--workers", "2"],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        start_new_session=True,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        wait_for(lambda: len(list(table.glob("[!.]*"))) == 1)
+        os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+        _, said = process.communicate(timeout=PATIENCE_S)
+    assert (process.returncode, said.strip()) in [(130, ""), (130, "Aborted.")]
+    told = list[BatchProgress]()
+    resumed = gn.batch(missions / "m?", out, ["graph"], resume=True, progress=told.append)
+    assert causes(resumed).items() >= {"m0": None, "m1": None}.items()
+    assert (told[-1].total, told[-1].skipped) == (1, 1)
+
+
 # ------------------------------------------------------------------- what is wrong from the start
 
 
@@ -210,6 +237,12 @@ def test_what_cannot_work_is_said_before_anything_runs(missions: Path, tmp_path:
     out = tmp_path / "out"
     with pytest.raises(ConfigError, match="unknown method 'drr'"):
         gn.batch(missions / "*", out, ["drr"])
+    with pytest.raises(ConfigError, match="unknown method 'drr'"):
+        gn.batch(missions / "*", out, "drr")
+    with pytest.raises(ConfigError, match="no method is given"):
+        gn.batch(missions / "*", out, [])
+    with pytest.raises(ConfigError, match="no value is given to sweep 'seed'"):
+        gn.batch(missions / "*", out, "dr", sweep={"seed": []})
     with pytest.raises(DataError, match="no file or folder matches"):
         gn.batch(missions / "n*", out)
     with pytest.raises(ConfigError, match="workers is 0"):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import pytest
 from batch_rows import figures, frame, row
 
 from gtsam_nav.batch.markup import element, page, table
@@ -68,6 +69,37 @@ def test_failures_that_differ_by_name_and_number_are_one() -> None:
         ("DataError", "MISSION/dvl.csv:#: not a number", 3),
         ("worker died", "its worker died # times", 1),
     ]
+
+
+@pytest.mark.parametrize(
+    ("error", "message"),
+    [
+        ("not utf-8 but latin-1", "not utf-8 but latin-1"),
+        ("no NMEA 0183 sentence in 12 lines", "no NMEA 0183 sentence in # lines"),
+        ("between -3.5 and 1e-06 s; x1", "between -# and # s; x1"),
+    ],
+)
+def test_only_whole_numbers_are_left_out(error: str, message: str) -> None:
+    (group,) = failure_groups(frame(row("m0", cause="DataError", error=error)))
+    assert group.message == message
+
+
+def test_a_long_error_is_cut(tmp_path: Path) -> None:
+    text = write_page(tmp_path, row("bad", cause="ValueError", error="y" * 5000))
+    assert "y" * 299 + "…</td>" in text
+    assert "y" * 300 not in text
+
+
+def test_runs_without_a_score_are_listed_last(tmp_path: Path) -> None:
+    text = write_page(tmp_path, row("a", error_m=None), row("b"), row("c", error_m=2.0))
+    listed = re.findall(r'href="[^"]*">(\w)</a></td><td[^>]*>dr</td><td[^>]*>(.*?)</td>', text)
+    assert listed == [("c", "2.00"), ("b", "1.00"), ("a", "no score")]
+
+
+def test_a_batch_without_any_score_lists_its_runs(tmp_path: Path) -> None:
+    text = write_page(tmp_path, *(row(f"m{k}", error_m=None) for k in range(31)))
+    assert text.count(">no score</td>") == 30
+    assert "1 more have no score" in text
 
 
 def test_a_strip_chart_has_a_dot_for_each_positive_value() -> None:

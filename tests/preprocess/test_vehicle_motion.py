@@ -171,6 +171,17 @@ def test_without_velocity_the_error_names_what_there_is(sensors: tuple[Sensor, .
     assert str(caught.value).endswith(f"the mission has: {present}")
 
 
+@pytest.mark.filterwarnings("error")
+def test_where_a_single_reading_is_left_the_place_is_soon_unknown() -> None:
+    """As of a log in other units, which starts at rest."""
+    v_b = np.tile(1000.0 * V_B, (len(times(2.0)), 1))
+    v_b[0] = 0.0
+    motion = moved(dvl(v_b), compass(np.zeros(600), times(10.0)), clinometer(0.0, 0.0))
+    assert len(motion.rejections) == len(v_b) - 1
+    walked = SETTINGS.sigma_accel_m_s2**2 * motion.t[-1] ** 3 / 3
+    assert motion.position_variance[-1] == pytest.approx(walked, rel=0.01)
+
+
 def test_spikes_are_rejected_and_named() -> None:
     clean = dvl()
     assert isinstance(clean.series, DvlSeries)

@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gtsam_nav.audit import audit
 from gtsam_nav.errors import DataError
+from gtsam_nav.methods import estimate
 from gtsam_nav.mission import Mission
 from gtsam_nav.readers import open_mission
 from gtsam_nav.series import LandmarkSeries, OdometrySeries
@@ -60,7 +62,12 @@ def test_edges_that_close_loops_are_edges_of_the_mission(tmp_path: Path) -> None
     np.testing.assert_allclose(read.edges.q[3], [1, -1, -1])
     np.testing.assert_allclose(read.edges.cov[1], np.diag([0.04, 0.01, 0.25]))
     np.testing.assert_allclose(read.edges.cov[0], np.diag([0.01, 0.04, 0.25]), atol=1e-15)
-    assert any("1 edges close loops" in w for w in read.warnings)
+    assert read.edges.n_loops == 1
+    told = "1 edges close loops, which only the method graph uses"
+    assert told not in read.warnings
+    assert told in estimate(read, "dr").warnings
+    assert told not in estimate(read, "graph").warnings
+    assert (audit(read).edges, audit(read).loops) == (4, 1)
 
 
 def test_edges_are_cropped_with_both_their_poses(tmp_path: Path) -> None:

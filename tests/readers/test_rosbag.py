@@ -253,6 +253,18 @@ def test_static_transforms_are_mountings(tmp_path: Path) -> None:
     np.testing.assert_allclose(imu.R_bs, expected, atol=1e-12)
 
 
+def test_a_static_transform_out_of_the_world_is_refused(tmp_path: Path) -> None:
+    def make(m: Messages) -> list[Message]:
+        away = m.static_transform("base_link", "imu_link", (0, 0, 5e5), (0, 0, 0))
+        return [away, *still(m, frame="imu_link")]
+
+    path = bag_of(tmp_path, make)
+    with pytest.raises(DataError, match=r"sensor 'imu' by the static .*500000 m is no place"):
+        open_mission(path)
+    stated = card(tmp_path, {"imu": {"xyz_m": [1, 2, 3]}})
+    np.testing.assert_array_equal(open_mission(path, card=stated).sensors["imu"].xyz_b, [1, 2, 3])
+
+
 def test_a_missing_transform_is_said_and_a_card_helps(tmp_path: Path) -> None:
     path = bag_of(tmp_path, lambda m: still(m, frame="imu_link"))
     (note,) = [w for w in open_mission(path).warnings if "static transform" in w]

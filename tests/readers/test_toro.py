@@ -101,7 +101,9 @@ def test_neighbours_without_an_edge_are_counted(tmp_path: Path) -> None:
     text = f"EDGE2 0 1 1 0 0 {COV}\nEDGE2 2 3 1 0 0 {COV}\n"
     mission = graph(tmp_path, text)
     assert any("no edge joins 1 of 3 neighbouring poses" in w for w in mission.warnings)
-    assert any("no usable sighting" in w for w in mission.warnings)
+    assert not any("sighting" in w for w in mission.warnings)
+    useless = graph(tmp_path, f"{text}LANDMARK 0 9 0 0 1 0 1\n")
+    assert any("no usable sighting" in w for w in useless.warnings)
 
 
 @pytest.mark.parametrize(

@@ -136,7 +136,8 @@ def test_one_sensors_settings_leave_the_others_alone() -> None:
     [
         ({"name": "lagoon"}, "unknown simulation 'lagoon'; the choices are: marina"),
         ({"seed": -1}, "seed is -1"),
-        ({"duration_s": 0.0}, "duration is 0.0 s"),
+        ({"duration_s": 0.0}, "duration is 0 s; it must lie between 1 and 100000 s"),
+        ({"duration_s": 1e12}, r"duration is 1e\+12 s; it must lie between 1 and 100000 s"),
         ({"duration_s": float("nan")}, "duration is nan s"),
     ],
 )
