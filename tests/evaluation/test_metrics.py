@@ -268,6 +268,15 @@ def test_noise_of_the_reference_does_not_add_up_to_distance() -> None:
     assert distance_m(ReferenceSeries(t=t, p_n=noisy))[-1] > 3000.0
 
 
+def test_distance_is_walked_in_steps_of_five_sigma_or_along_every_sample() -> None:
+    p_n = np.array([[0.0, 0.0], [0.3, 0.4], [3.0, 0.4], [3.0, 4.0], [3.0, 4.1]])
+    series = ReferenceSeries(t=np.arange(5.0), p_n=np.column_stack([p_n, np.zeros(5)]))
+    np.testing.assert_allclose(distance_m(series), [0.0, 0.5, 3.2, 6.8, 6.9])
+    # 5 m lie between the first sample and the fourth alone; time divides them
+    stated = replace(series, sigma=np.ones(5))
+    np.testing.assert_allclose(distance_m(stated), [0.0, 5 / 3, 10 / 3, 5.0, 5.0])
+
+
 def test_heading_error_is_wrapped() -> None:
     t, p_n = straight(20)
     rpy = np.column_stack([0 * t, 0 * t, 0 * t + np.radians(179.0)])

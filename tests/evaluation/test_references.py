@@ -25,7 +25,7 @@ def series_of(path: Path, **options: str) -> ReferenceSeries:
     return sensor.series
 
 
-@pytest.mark.parametrize("suffix", [".csv", ".csv.gz"])
+@pytest.mark.parametrize("suffix", [".csv", ".csv.gz", ".second.csv.gz"])
 def test_positions_alone(tmp_path: Path, suffix: str) -> None:
     text = "t,n,e,d\n0,1,2,3\n1,4,5,6\n1,4,5,6\n2,nan,0,0\n"
     path = tmp_path / f"truth{suffix}"

@@ -55,6 +55,29 @@ def test_relations_beyond_the_trajectory_are_left_out(solution: Solution) -> Non
     assert scores.loops is None
 
 
+def test_a_relation_may_end_with_the_trajectory(solution: Solution) -> None:
+    t = solution.trajectory.t
+    at = np.array([[t[0], t[-1]]])
+    relations = Relations(
+        "scans", at, between(*(planar_poses(solution.trajectory, a) for a in at.T))
+    )
+    scores = relation_scores(solution.trajectory, relations)
+    found = scores.near or scores.loops
+    assert found is not None
+    assert found.n == 1
+
+
+def test_a_pose_in_another_is_forward_starboard_and_a_wrapped_turn() -> None:
+    a = np.array([[1.0, 2.0, np.radians(170.0)], [0.0, 0.0, np.radians(30.0)]])
+    b = np.array([[1.0, 5.0, np.radians(-170.0)], [2.0, 1.0, np.radians(50.0)]])
+    c, s = np.cos(a[:, 2]), np.sin(a[:, 2])
+    expected = [
+        [3.0 * s[0], 3.0 * c[0], np.radians(20.0)],
+        [2.0 * c[1] + s[1], c[1] - 2.0 * s[1], np.radians(20.0)],
+    ]
+    np.testing.assert_allclose(between(a, b), expected, atol=1e-12)
+
+
 def test_a_run_is_scored_at_the_times_that_it_found(solution: Solution) -> None:
     late = replace(solution, relations=surveyed(solution, [1.0, 3.0], late_s=0.5))
     found = replace(late, clock_offsets=(ClockOffset("scans", "time_offset", -0.5, 0.01, 0.5),))

@@ -49,6 +49,19 @@ def test_a_steady_turn_of_the_heading_is_degrees_per_metre() -> None:
     assert error.deg_per_m == pytest.approx(0.5)
 
 
+def test_without_a_length_a_segment_is_a_tenth_of_the_path() -> None:
+    """An error that comes back every ten metres shows over other lengths only."""
+    p_n, rpy = along_north()
+    swaying = p_n + np.column_stack([0 * T, np.sin(0.2 * np.pi * T), 0 * T])
+    matched = match(as_trajectory(swaying, rpy), ReferenceSeries(t=T, p_n=p_n, rpy=rpy))
+    assert matched is not None
+    tenth, nine = relative_error(matched, None), relative_error(matched, 9.0)
+    assert tenth is not None
+    assert nine is not None
+    assert tenth.percent == pytest.approx(0.0, abs=1e-9)
+    assert nine.percent > 1.0
+
+
 def test_without_a_reference_heading_there_is_no_heading_error() -> None:
     p_n, rpy = along_north()
     matched = match(as_trajectory(p_n, rpy), ReferenceSeries(t=T, p_n=p_n))
