@@ -80,6 +80,10 @@ def late(sensor: str, offset_s: float) -> Callable[[Mission], Mission]:
     return make
 
 
+def _in_ms(sensor: str) -> Callable[[Mission], Mission]:
+    return column(sensor, "t", lambda t: 1e3 * t)
+
+
 def turned(sensor: str, yaw_deg: float) -> Callable[[Mission], Mission]:
     """State a mounting that is turned about body z."""
 
@@ -190,6 +194,8 @@ MISTAKES = (
     Mistake("GNSS clock 2 s late", "marina", late("gnss", 2.0),
             "clock offset", "gnss", "time_offset_s: -", SILENT),
     Mistake("lever arm sign", "marina", _reversed_arm, "lever arm", "gnss", "xyz_m: [-2", STERN),
+    Mistake("DVL stamps in ms", "marina", _in_ms("dvl"),
+            "stamp unit", "dvl", "scale: {t: 0.001}", SILENT),
     Mistake("stale headings", "marina", stale("heading", 0.1),
             "stale messages", "heading", "drop_repeats: true", SILENT),
     Mistake("stale fixes", "marina", stale("gnss", 0.1),

@@ -15,7 +15,13 @@ from gtsam_nav.audit.place import place_findings
 from gtsam_nav.audit.repeats import repeat_findings
 from gtsam_nav.audit.sonar import SonarHead, sonar_findings, sonar_head
 from gtsam_nav.audit.sonar_map import map_findings, map_likeness, sweeps_of
-from gtsam_nav.audit.timing import TIMING_CHECKS, SensorTiming, sensor_timing, timing_findings
+from gtsam_nav.audit.timing import (
+    TIMING_CHECKS,
+    SensorTiming,
+    sensor_timing,
+    stamp_findings,
+    timing_findings,
+)
 from gtsam_nav.methods import runnable_methods
 from gtsam_nav.mission import Mission, Sensor
 
@@ -95,6 +101,7 @@ def audit(mission: Mission) -> Audit:
     def findings() -> Iterator[Finding]:
         for timing in timings:
             yield from timing_findings(timing)
+        yield from stamp_findings(mission)
         for sensor in mission.sensors.values():
             if sensor.type != "reference":
                 yield from repeat_findings(sensor)
