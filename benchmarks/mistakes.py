@@ -17,6 +17,7 @@ from gtsam_nav.mission import Mission
 from gtsam_nav.simulation.settings import GnssSimulation, SimulationSettings
 
 G_M_S2 = 9.80665
+KNOT_M_S = 0.514444
 FLU = np.array([1.0, -1.0, -1.0])
 LONG_ARM_M = (-2.0, 0.5, -2.3)
 """An antenna at the stern: a lever arm that matters."""
@@ -185,6 +186,10 @@ MISTAKES = (
             "velocity axes", "dvl", "scale: {vz: -1}", SILENT),
     Mistake("DVL misaligned by 10 deg", "marina", turned("dvl", 10.0),
             "velocity alignment", "dvl", "rpy_deg: [0, 0, ", SILENT),
+    Mistake("DVL in knots", "marina", column("dvl", "v_d", lambda v: v / KNOT_M_S),
+            "velocity unit", "dvl", "scale: {vx: 0.5144444, vy: 0.5144444, vz", SILENT),
+    Mistake("DVL at half scale", "marina", column("dvl", "v_d", lambda v: 0.5 * v),
+            "velocity scale", "dvl", "scale: {vx: ", SILENT),
     Mistake("IMU clock 0.5 s late", "marina", late("imu", 0.5),
             "clock offset", "imu", "time_offset_s: -0.", SILENT),
     Mistake("compass clock 0.5 s late", "marina", late("heading", 0.5),

@@ -35,6 +35,14 @@ from gtsam_nav.audit.heading import (
 )
 from gtsam_nav.audit.inertial import inertial_findings, z_is_up
 from gtsam_nav.audit.receiver import velocity_findings
+from gtsam_nav.audit.speeds import (
+    SpeedPair,
+    implausible_findings,
+    speed_blame,
+    speed_findings,
+    speed_pairs,
+    stated_scales,
+)
 from gtsam_nav.audit.turns import (
     TurnPair,
     Turns,
@@ -70,6 +78,9 @@ class Comparisons:
         Of the first compass, with the first velocity that is not to blame.
     wrong_sign : tuple of str
         Who turns the other way round.
+    speeds : tuple of SpeedPair
+    wrong_scale : tuple of str
+        Who is too fast or too slow.
     vertical : tuple of VerticalPair
     antennas : dict of str to AntennaFit
     """
@@ -84,6 +95,8 @@ class Comparisons:
     blame: DirectionBlame
     course: HeadingAgainstCourse | None
     wrong_sign: tuple[str, ...]
+    speeds: tuple[SpeedPair, ...]
+    wrong_scale: tuple[str, ...]
     vertical: tuple[VerticalPair, ...]
     antennas: dict[str, AntennaFit]
 
@@ -91,7 +104,9 @@ class Comparisons:
     def suspects_motion(self) -> bool:
         """Whether the way or the turns by which a map is drawn are in doubt."""
         converted = self.course is not None and not self.course.convention.is_stated
-        return converted or bool(self.wrong_sign or self.blame.quarters or self.blame.offsets)
+        return converted or bool(
+            self.wrong_sign or self.wrong_scale or self.blame.quarters or self.blame.offsets
+        )
 
 
 def compare(mission: Mission) -> Comparisons:
@@ -107,10 +122,17 @@ def compare(mission: Mission) -> Comparisons:
     blame = direction_blame(directions)
     course = None if ways is None else _course(mission, ways, sources, blame)
     wrong_sign = _wrong_signs(pairs, course)
+    as_stated = course is None or course.convention.is_stated
+    speeds = speed_pairs(
+        [s for s in sources if s.name not in blame.quarters],
+        ways if as_stated else None,
+        stated_scales(mission),
+    )
+    wrong_scale = speed_blame(speeds)
     antennas = {}
-    if compass is not None and len(compass) > 1 and (course is None or course.convention.is_stated):
+    if compass is not None and len(compass) > 1 and as_stated:
         yaw = steady_yaw(Signal(compass.t, np.unwrap(compass.heading)), _gyro(turns, pairs))
-        trusted = [s for s in sources if s.name not in (*blame.quarters, BOW)]
+        trusted = [s for s in sources if s.name not in (*blame.quarters, *wrong_scale, BOW)]
         fits = {g.name: antenna_fit(g, yaw, trusted) for g in mission.of_type("gnss")}
         antennas = {name: fit for name, fit in fits.items() if fit is not None}
     return Comparisons(
@@ -124,6 +146,8 @@ def compare(mission: Mission) -> Comparisons:
         blame=blame,
         course=course,
         wrong_sign=wrong_sign,
+        speeds=speeds,
+        wrong_scale=wrong_scale,
         vertical=vertical_pairs(mission),
         antennas=antennas,
     )
@@ -141,6 +165,9 @@ def comparison_findings(mission: Mission, c: Comparisons) -> Iterator[Finding]:
     if c.course is not None:
         yield from _course_findings(c.course, _stated_deg(mission)[TRACK], c)
     yield from direction_findings(c.sources, c.ways, c.directions, c.blame)
+    for dvl in mission.of_type("dvl"):
+        yield from implausible_findings(mission, dvl)
+    yield from speed_findings(mission, c.speeds, c.wrong_scale)
     yield from vertical_findings(mission, c.vertical, upside_down)
     for name, fit in c.antennas.items():
         yield from lever_findings(mission.sensors[name], fit)
