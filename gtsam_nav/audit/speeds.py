@@ -152,6 +152,9 @@ def implausible_findings(mission: Mission, dvl: Sensor) -> Iterator[Finding]:
     dropped = mission.dropped.get((dvl.name, "implausible speed"), 0)
     if dropped > len(dvl.series):
         share = dropped / (dropped + len(dvl.series))
-        message = f"{share:.0%} of its speeds are implausible: it does not read in m/s, or marks what is missing by them"
+        message = (
+            f"{share:.0%} of its speeds are implausible: it does not read in m/s, or they mark "
+            "what is missing"
+        )
         fix = f"{fixes.scale(COLUMNS['dvl'], UNITS['cm/s'])} (if cm/s, 0.001 if mm/s)"
         yield Finding("velocity unit", dvl.name, "warning", message, fix)
