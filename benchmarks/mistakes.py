@@ -190,6 +190,8 @@ MISTAKES = (
             "velocity unit", "dvl", "scale: {vx: 0.5144444, vy: 0.5144444, vz", SILENT),
     Mistake("DVL at half scale", "marina", column("dvl", "v_d", lambda v: 0.5 * v),
             "velocity scale", "dvl", "scale: {vx: ", SILENT),
+    Mistake("odometry in deg/s", "marina", column("odometry", "yaw_rate", np.degrees),
+            "gyro unit", "odometry", "scale: {wz: 0.01745329}", SILENT),
     Mistake("IMU clock 0.5 s late", "marina", late("imu", 0.5),
             "clock offset", "imu", "time_offset_s: -0.", SILENT),
     Mistake("compass clock 0.5 s late", "marina", late("heading", 0.5),

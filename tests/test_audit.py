@@ -12,6 +12,7 @@ import pytest
 
 from gtsam_nav.audit import Audit, audit
 from gtsam_nav.audit.findings import Finding
+from gtsam_nav.audit.timing import TIMING_CHECKS
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import (
     Array,
@@ -361,6 +362,10 @@ def test_fixes_far_from_the_origin_are_named_with_the_likely_cause(mission: Miss
     found = audit(altered(mission, "gnss", lambda _: exchanged_n, "p_n"))
     assert "latitude and longitude are exchanged" in finding(found, "fixes against origin").message
     assert any("exchanged" in alert for alert in found.alerts)
+    warnings = [f for f in found.findings if f.severity == "warning"]
+    (only,) = [f for f in warnings if f.check not in TIMING_CHECKS]
+    assert only.fix == "columns: {lat_deg: lon_deg, lon_deg: lat_deg}"
+    assert not found.headings
     elsewhere = audit(altered(mission, "gnss", lambda p_n: p_n + 1e6, "p_n"))
     assert "the origin or the fixes are wrong" in finding(elsewhere, "fixes against origin").message
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -46,6 +46,7 @@ from gtsam_nav.audit.speeds import (
 from gtsam_nav.audit.turns import (
     TurnPair,
     Turns,
+    compasses_in_radians,
     in_radians,
     turn_findings,
     turn_pairs,
@@ -101,6 +102,14 @@ class Comparisons:
     antennas: dict[str, AntennaFit]
 
     @property
+    def mirrored_gnss(self) -> str | None:
+        """The receiver whose fixes draw the reflection of the way, where compass and gyro agree."""
+        course = self.course
+        if course is None or course.convention.sign > 0 or course.heading in self.wrong_sign:
+            return None
+        return course.gnss if course.gnss in self.wrong_sign else None
+
+    @property
     def suspects_motion(self) -> bool:
         """Whether the way or the turns by which a map is drawn are in doubt."""
         converted = self.course is not None and not self.course.convention.is_stated
@@ -115,7 +124,7 @@ def compare(mission: Mission) -> Comparisons:
     distrusted = {f.sensor for f in gnss if f.severity == "warning"}
     turns = {name: t for name, t in turns_of(mission).items() if name not in distrusted}
     pairs = turn_pairs(turns)
-    compass = _compass_as_meant(mission)
+    compass = _compass_as_meant(mission, compasses_in_radians(turns, pairs))
     sources = velocity_sources(mission)
     ways = baselines(mission, compass)
     directions = direction_pairs(sources, ways, _stated_deg(mission))
@@ -160,7 +169,8 @@ def comparison_findings(mission: Mission, c: Comparisons) -> Iterator[Finding]:
         compared = any(imu.name in p.pair for p in c.turn_pairs)
         yield from inertial_findings(imu, imu.name in c.wrong_sign if compared else None)
         upside_down |= z_is_up(imu)
-    yield from c.gnss
+    # velocities that contradict fixes which are mirrored themselves are sound
+    yield from (f for f in c.gnss if f.sensor != c.mirrored_gnss)
     yield from turn_findings(c.turns, c.turn_pairs, c.wrong_sign)
     if c.course is not None:
         yield from _course_findings(c.course, _stated_deg(mission)[TRACK], c)
@@ -178,10 +188,10 @@ def _course_findings(
     course: HeadingAgainstCourse, stated_deg: float, c: Comparisons
 ) -> Iterator[Finding]:
     """On the compass, or on the fixes where it is these that are mirrored."""
-    mirrored = course.convention.sign < 0
-    if mirrored and course.gnss in c.wrong_sign and course.heading not in c.wrong_sign:
+    if c.mirrored_gnss is not None:
         yield mirrored_fixes(course)
         return
+    mirrored = course.convention.sign < 0
     suspected = c.wrong_sign if mirrored else (*c.blame.quarters, *c.blame.offsets)
     known = (course.heading, TRACK, BOW)
     yield from heading_findings(course, stated_deg, [s for s in suspected if s not in known])
@@ -211,12 +221,14 @@ def _wrong_signs(
     return wrong_signs(pairs, [pair] * mirrored, [pair] * (not mirrored))
 
 
-def _compass_as_meant(mission: Mission) -> HeadingSeries | None:
+def _compass_as_meant(mission: Mission, radians: Collection[str]) -> HeadingSeries | None:
     """Headings of the first compass, those in radians put right."""
-    compass = compass_series(mission)
-    if compass is None or not in_radians(compass):
-        return compass
-    return replace(compass, heading=np.degrees(compass.heading))
+    compass, sensor = compass_series(mission), mission.first("heading")
+    if compass is None or sensor is None:
+        return None
+    if sensor.name in radians or in_radians(compass):
+        return replace(compass, heading=np.degrees(compass.heading))
+    return compass
 
 
 def _gyro(turns: dict[str, Turns], pairs: tuple[TurnPair, ...]) -> Signal | None:
