@@ -97,21 +97,23 @@ def audit(mission: Mission) -> Audit:
     sonars = mission.of_type("beams")
     heads = {s.name: sonar_head(s) for s in sonars}
     places = [f for gnss in mission.of_type("gnss") for f in place_findings(mission, gnss)]
-    # fixes in another part of the world say nothing true of the other sensors
-    placed = mission.without(*(str(f.sensor) for f in places if f.severity == "warning"))
-    compared = compare(placed)
+    stamps = tuple(stamp_findings(mission))
+    # at another time or in another part of the world a sensor says nothing true of the others
+    away = [str(f.sensor) for f in (*stamps, *places) if f.severity == "warning"]
+    together = mission.without(*away)
+    compared = compare(together)
 
     def findings() -> Iterator[Finding]:
         for timing in timings:
             yield from timing_findings(timing)
-        yield from stamp_findings(mission)
+        yield from stamps
         for sensor in mission.sensors.values():
             if sensor.type != "reference":
                 yield from repeat_findings(sensor)
         yield from places
         for lock in dvls:
             yield from lock_findings(lock)
-        yield from comparison_findings(placed, compared)
+        yield from comparison_findings(together, compared)
         for sonar in sonars:
             yield from sonar_findings(sonar.name, heads[sonar.name])
             yield from _map_findings(sonar, heads[sonar.name], compared)
@@ -125,7 +127,7 @@ def audit(mission: Mission) -> Audit:
         headings=() if compared.course is None else (compared.course,),
         dvls=dvls,
         sonars=tuple(head for head in heads.values() if head is not None),
-        rest_s=initial_rest_s(mission),
+        rest_s=initial_rest_s(together),
         methods=runnable_methods(mission),
         findings=tuple(findings()),
         warnings=mission.warnings,
