@@ -42,6 +42,12 @@ class ClockPair:
         return max(limit(lag.sigma_s, lag.n_windows - 1, self.stated_s), lag.step_s)
 
     @property
+    def is_vague(self) -> bool:
+        """Whether the data alone leave the offset open by more than `VAGUE_S`."""
+        lag = self.lag
+        return max(limit(lag.sigma_s, lag.n_windows - 1, 0.0), lag.step_s) > VAGUE_S
+
+    @property
     def apart(self) -> bool:
         """Whether the two clocks differ by more."""
         return abs(self.lag.lag_s) > self.limit_s
@@ -73,7 +79,7 @@ def clock_findings(pairs: Sequence[ClockPair]) -> Iterator[Finding]:
 
 def _agreement(pairs: Sequence[ClockPair]) -> str:
     """Whose clocks agree, and of whose the data do not tell."""
-    telling = [p for p in pairs if p.limit_s <= VAGUE_S]
+    telling = [p for p in pairs if not p.is_vague]
     told = sorted({name for p in telling for name in p.pair})
     read = []
     if telling:

@@ -61,3 +61,5 @@ def test_what_the_data_cannot_tell_is_no_agreement() -> None:
     assert "of gnss's the data do not tell (0.85 s against imu, sigma 1.00 s)" in finding.message
     (alone,) = clock_findings([vague])
     assert "agree" not in alone.message
+    (doubted,) = clock_findings([pair("gnss", "imu", 0.02, stated_s=0.5)])
+    assert "the clocks of gnss, imu agree" in doubted.message
