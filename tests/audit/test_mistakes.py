@@ -109,6 +109,7 @@ MENDED = (
     *("gyro in deg/s", "accelerometer in g", "gravity sign", "IMU axes FLU", "heading ENU"),
     *("heading in radians", "DVL velocities reversed", "DVL misaligned by 10 deg"),
     *("GNSS clock 2 s late", "lever arm sign", "stale headings", "mirrored sonar"),
+    *("DVL in knots", "DVL stamps in ms", "odometry in deg/s"),
 )
 """One for each kind of line."""
 
