@@ -17,6 +17,7 @@ from gtsam_nav.mission import Mission
 from gtsam_nav.simulation.settings import GnssSimulation, SimulationSettings
 
 G_M_S2 = 9.80665
+KNOT_M_S = 0.514444
 FLU = np.array([1.0, -1.0, -1.0])
 LONG_ARM_M = (-2.0, 0.5, -2.3)
 """An antenna at the stern: a lever arm that matters."""
@@ -78,6 +79,10 @@ def late(sensor: str, offset_s: float) -> Callable[[Mission], Mission]:
         return mission.with_sensor(replace(old, series=old.series.shift(offset_s)))
 
     return make
+
+
+def _in_ms(sensor: str) -> Callable[[Mission], Mission]:
+    return column(sensor, "t", lambda t: 1e3 * t)
 
 
 def turned(sensor: str, yaw_deg: float) -> Callable[[Mission], Mission]:
@@ -181,6 +186,12 @@ MISTAKES = (
             "velocity axes", "dvl", "scale: {vz: -1}", SILENT),
     Mistake("DVL misaligned by 10 deg", "marina", turned("dvl", 10.0),
             "velocity alignment", "dvl", "rpy_deg: [0, 0, ", SILENT),
+    Mistake("DVL in knots", "marina", column("dvl", "v_d", lambda v: v / KNOT_M_S),
+            "velocity unit", "dvl", "scale: {vx: 0.5144444, vy: 0.5144444, vz", SILENT),
+    Mistake("DVL at half scale", "marina", column("dvl", "v_d", lambda v: 0.5 * v),
+            "velocity scale", "dvl", "scale: {vx: ", SILENT),
+    Mistake("odometry in deg/s", "marina", column("odometry", "yaw_rate", np.degrees),
+            "gyro unit", "odometry", "scale: {wz: 0.01745329}", SILENT),
     Mistake("IMU clock 0.5 s late", "marina", late("imu", 0.5),
             "clock offset", "imu", "time_offset_s: -0.", SILENT),
     Mistake("compass clock 0.5 s late", "marina", late("heading", 0.5),
@@ -190,6 +201,8 @@ MISTAKES = (
     Mistake("GNSS clock 2 s late", "marina", late("gnss", 2.0),
             "clock offset", "gnss", "time_offset_s: -", SILENT),
     Mistake("lever arm sign", "marina", _reversed_arm, "lever arm", "gnss", "xyz_m: [-2", STERN),
+    Mistake("DVL stamps in ms", "marina", _in_ms("dvl"),
+            "stamp unit", "dvl", "scale: {t: 0.001}", SILENT),
     Mistake("stale headings", "marina", stale("heading", 0.1),
             "stale messages", "heading", "drop_repeats: true", SILENT),
     Mistake("stale fixes", "marina", stale("gnss", 0.1),

@@ -131,7 +131,7 @@ def estimate(
     ConfigError
         For an unknown method, or a fault that the mission cannot have.
     DataError
-        Where the mission lacks what the method needs.
+        Where the mission lacks what the method needs, or stamps are in another unit than seconds.
     EstimationError
         Where the estimator fails.
     """
@@ -143,10 +143,12 @@ def estimate(
     from gtsam_nav.evaluation.contradictions import contradictions
     from gtsam_nav.preprocess.agility import fitted_to
     from gtsam_nav.preprocess.gnss_policy import split_fixes
+    from gtsam_nav.preprocess.stamp_units import check_stamp_units
     from gtsam_nav.preprocess.turning import warnings_on_turns
     from gtsam_nav.solution import no_progress
 
     check_method(method)
+    check_stamp_units(mission)
     config = config or Config()
     blind, reference, n_withheld = split_fixes(mission, config.gnss)
     blind = replace(blind, relations=None)

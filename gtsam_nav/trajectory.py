@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from gtsam_nav.errors import DataError
 from gtsam_nav.frames import (
     Array,
     quaternion_from_rotation,
@@ -20,12 +21,26 @@ MAX_GAP_S = 5.0
 """Interpolation never bridges a longer gap."""
 SAME_TIME_S = 1e-6
 """Nearer moments are told apart by rounding alone."""
+MOST_RECORDS = 5_000_000
+"""Six days at 10 Hz; no more fit into memory with their covariances."""
 UNIFORM_YAW_SIGMA = float(np.pi / np.sqrt(3.0))
 """Of a yaw of which nothing is known, rad."""
 
 
 def record_times(start_s: float, stop_s: float, rate_hz: float) -> Array:
-    """Times of a trajectory: uniform from the start, and the last moment itself."""
+    """Times of a trajectory: uniform from the start, and the last moment itself.
+
+    Raises
+    ------
+    DataError
+        Where they are more than `MOST_RECORDS`.
+    """
+    if (stop_s - start_s) * rate_hz > MOST_RECORDS:
+        raise DataError(
+            f"from {start_s:.0f} to {stop_s:.0f} s a trajectory at {rate_hz:g} Hz has more than "
+            f"{MOST_RECORDS} records: look whether all stamps are in seconds, set a lower "
+            "motion.rate_hz, or run a part of it (--start, --stop)"
+        )
     t = start_s + np.arange(int((stop_s - start_s) * rate_hz) + 1) / rate_hz
     return np.append(t[t < stop_s - SAME_TIME_S], stop_s)
 

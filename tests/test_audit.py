@@ -12,6 +12,7 @@ import pytest
 
 from gtsam_nav.audit import Audit, audit
 from gtsam_nav.audit.findings import Finding
+from gtsam_nav.audit.timing import TIMING_CHECKS
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import (
     Array,
@@ -361,8 +362,25 @@ def test_fixes_far_from_the_origin_are_named_with_the_likely_cause(mission: Miss
     found = audit(altered(mission, "gnss", lambda _: exchanged_n, "p_n"))
     assert "latitude and longitude are exchanged" in finding(found, "fixes against origin").message
     assert any("exchanged" in alert for alert in found.alerts)
+    warnings = [f for f in found.findings if f.severity == "warning"]
+    (only,) = [f for f in warnings if f.check not in TIMING_CHECKS]
+    assert only.fix == "columns: {lat_deg: lon_deg, lon_deg: lat_deg}"
+    assert not found.headings
     elsewhere = audit(altered(mission, "gnss", lambda p_n: p_n + 1e6, "p_n"))
     assert "the origin or the fixes are wrong" in finding(elsewhere, "fixes against origin").message
+
+
+def test_stamps_in_nanoseconds_do_not_stop_the_audit(mission: Mission) -> None:
+    found = audit(altered(mission, "imu", lambda t: 1e9 * t, "t"))
+    assert finding(found, "stamp unit").fix == "scale: {t: 1e-09}"
+    assert found.rest_s == pytest.approx(REST_S, abs=10.0)
+
+
+def test_misplaced_fixes_may_be_all_there_is(mission: Mission) -> None:
+    names = [name for name in mission.sensors if name != "gnss"]
+    alone = replace(mission.without(*names), origin=Origin(latitude_deg=42.2, longitude_deg=3.1))
+    found = audit(altered(alone, "gnss", lambda p_n: p_n + 1e6, "p_n"))
+    assert finding(found, "fixes against origin").severity == "warning"
 
 
 def test_alerts_leave_gaps_to_the_timeline(mission: Mission) -> None:

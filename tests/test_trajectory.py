@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from gtsam_nav.errors import DataError
 from gtsam_nav.frames import (
     Array,
     quaternion_from_rotation,
@@ -258,3 +259,8 @@ def test_a_variance_of_zero_survives_rounding() -> None:
     assert sigma is not None
     assert sigma[0, 0] == 0.0
     assert np.all(sigma[1:] > 0.0)
+
+
+def test_no_trajectory_is_longer_than_memory() -> None:
+    with pytest.raises(DataError, match="stamps are in seconds"):
+        record_times(0.0, 1e9, 10.0)

@@ -13,6 +13,9 @@ from gtsam_nav.audit.blame import Pair, suspects
 from gtsam_nav.audit.findings import Finding
 from gtsam_nav.audit.significance import limit
 
+VAGUE_S = 1.0
+"""Clocks that could be further apart unseen are not said to agree."""
+
 
 @dataclass(frozen=True)
 class ClockPair:
@@ -37,6 +40,12 @@ class ClockPair:
         """What noise, sampling and the cards explain."""
         lag = self.lag
         return max(limit(lag.sigma_s, lag.n_windows - 1, self.stated_s), lag.step_s)
+
+    @property
+    def is_vague(self) -> bool:
+        """Whether the data alone leave the offset open by more than `VAGUE_S`."""
+        lag = self.lag
+        return max(limit(lag.sigma_s, lag.n_windows - 1, 0.0), lag.step_s) > VAGUE_S
 
     @property
     def apart(self) -> bool:
@@ -65,6 +74,21 @@ def clock_findings(pairs: Sequence[ClockPair]) -> Iterator[Finding]:
         message = f"its stamps show {seen}{or_else}"
         yield Finding("clock offset", name, "warning", message, fixes.later(offset_s))
     if pairs and not apart:
-        widest = max(pairs, key=lambda p: abs(p.lag.lag_s))
-        read = f"the clocks agree, {widest.y} and {widest.x} to {abs(widest.lag.lag_s):.2f} s"
-        yield Finding("clock offset", None, "ok", read)
+        yield Finding("clock offset", None, "ok", _agreement(pairs))
+
+
+def _agreement(pairs: Sequence[ClockPair]) -> str:
+    """Whose clocks agree, and of whose the data do not tell."""
+    telling = [p for p in pairs if not p.is_vague]
+    told = sorted({name for p in telling for name in p.pair})
+    read = []
+    if telling:
+        widest = max(telling, key=lambda p: abs(p.lag.lag_s))
+        closely = f"{widest.y} and {widest.x} to {abs(widest.lag.lag_s):.2f} s"
+        read.append(f"the clocks of {', '.join(told)} agree, {closely}")
+    for name in sorted({name for p in pairs for name in p.pair} - {*told}):
+        own = min((p for p in pairs if name in p.pair), key=lambda p: p.lag.sigma_s)
+        other = own.x if own.y == name else own.y
+        seen = f"{abs(own.lag.lag_s):.2f} s against {other}, sigma {own.lag.sigma_s:.2f} s"
+        read.append(f"of {name}'s the data do not tell ({seen})")
+    return "; ".join(read)

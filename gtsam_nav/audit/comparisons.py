@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -35,9 +35,18 @@ from gtsam_nav.audit.heading import (
 )
 from gtsam_nav.audit.inertial import inertial_findings, z_is_up
 from gtsam_nav.audit.receiver import velocity_findings
+from gtsam_nav.audit.speeds import (
+    SpeedPair,
+    implausible_findings,
+    speed_blame,
+    speed_findings,
+    speed_pairs,
+    stated_scales,
+)
 from gtsam_nav.audit.turns import (
     TurnPair,
     Turns,
+    compasses_in_radians,
     in_radians,
     turn_findings,
     turn_pairs,
@@ -70,6 +79,9 @@ class Comparisons:
         Of the first compass, with the first velocity that is not to blame.
     wrong_sign : tuple of str
         Who turns the other way round.
+    speeds : tuple of SpeedPair
+    wrong_scale : tuple of str
+        Who is too fast or too slow.
     vertical : tuple of VerticalPair
     antennas : dict of str to AntennaFit
     """
@@ -84,14 +96,26 @@ class Comparisons:
     blame: DirectionBlame
     course: HeadingAgainstCourse | None
     wrong_sign: tuple[str, ...]
+    speeds: tuple[SpeedPair, ...]
+    wrong_scale: tuple[str, ...]
     vertical: tuple[VerticalPair, ...]
     antennas: dict[str, AntennaFit]
+
+    @property
+    def mirrored_gnss(self) -> str | None:
+        """The receiver whose fixes draw the reflection of the way, where compass and gyro agree."""
+        course = self.course
+        if course is None or course.convention.sign > 0 or course.heading in self.wrong_sign:
+            return None
+        return course.gnss if course.gnss in self.wrong_sign else None
 
     @property
     def suspects_motion(self) -> bool:
         """Whether the way or the turns by which a map is drawn are in doubt."""
         converted = self.course is not None and not self.course.convention.is_stated
-        return converted or bool(self.wrong_sign or self.blame.quarters or self.blame.offsets)
+        return converted or bool(
+            self.wrong_sign or self.wrong_scale or self.blame.quarters or self.blame.offsets
+        )
 
 
 def compare(mission: Mission) -> Comparisons:
@@ -100,17 +124,24 @@ def compare(mission: Mission) -> Comparisons:
     distrusted = {f.sensor for f in gnss if f.severity == "warning"}
     turns = {name: t for name, t in turns_of(mission).items() if name not in distrusted}
     pairs = turn_pairs(turns)
-    compass = _compass_as_meant(mission)
+    compass = _compass_as_meant(mission, compasses_in_radians(turns, pairs))
     sources = velocity_sources(mission)
     ways = baselines(mission, compass)
     directions = direction_pairs(sources, ways, _stated_deg(mission))
     blame = direction_blame(directions)
     course = None if ways is None else _course(mission, ways, sources, blame)
     wrong_sign = _wrong_signs(pairs, course)
+    as_stated = course is None or course.convention.is_stated
+    speeds = speed_pairs(
+        [s for s in sources if s.name not in blame.quarters],
+        ways if as_stated else None,
+        stated_scales(mission),
+    )
+    wrong_scale = speed_blame(speeds)
     antennas = {}
-    if compass is not None and len(compass) > 1 and (course is None or course.convention.is_stated):
+    if compass is not None and len(compass) > 1 and as_stated:
         yaw = steady_yaw(Signal(compass.t, np.unwrap(compass.heading)), _gyro(turns, pairs))
-        trusted = [s for s in sources if s.name not in (*blame.quarters, BOW)]
+        trusted = [s for s in sources if s.name not in (*blame.quarters, *wrong_scale, BOW)]
         fits = {g.name: antenna_fit(g, yaw, trusted) for g in mission.of_type("gnss")}
         antennas = {name: fit for name, fit in fits.items() if fit is not None}
     return Comparisons(
@@ -124,6 +155,8 @@ def compare(mission: Mission) -> Comparisons:
         blame=blame,
         course=course,
         wrong_sign=wrong_sign,
+        speeds=speeds,
+        wrong_scale=wrong_scale,
         vertical=vertical_pairs(mission),
         antennas=antennas,
     )
@@ -136,11 +169,15 @@ def comparison_findings(mission: Mission, c: Comparisons) -> Iterator[Finding]:
         compared = any(imu.name in p.pair for p in c.turn_pairs)
         yield from inertial_findings(imu, imu.name in c.wrong_sign if compared else None)
         upside_down |= z_is_up(imu)
-    yield from c.gnss
+    # velocities that contradict fixes which are mirrored themselves are sound
+    yield from (f for f in c.gnss if f.sensor != c.mirrored_gnss)
     yield from turn_findings(c.turns, c.turn_pairs, c.wrong_sign)
     if c.course is not None:
         yield from _course_findings(c.course, _stated_deg(mission)[TRACK], c)
     yield from direction_findings(c.sources, c.ways, c.directions, c.blame)
+    for dvl in mission.of_type("dvl"):
+        yield from implausible_findings(mission, dvl)
+    yield from speed_findings(mission, c.speeds, c.wrong_scale)
     yield from vertical_findings(mission, c.vertical, upside_down)
     for name, fit in c.antennas.items():
         yield from lever_findings(mission.sensors[name], fit)
@@ -151,10 +188,10 @@ def _course_findings(
     course: HeadingAgainstCourse, stated_deg: float, c: Comparisons
 ) -> Iterator[Finding]:
     """On the compass, or on the fixes where it is these that are mirrored."""
-    mirrored = course.convention.sign < 0
-    if mirrored and course.gnss in c.wrong_sign and course.heading not in c.wrong_sign:
+    if c.mirrored_gnss is not None:
         yield mirrored_fixes(course)
         return
+    mirrored = course.convention.sign < 0
     suspected = c.wrong_sign if mirrored else (*c.blame.quarters, *c.blame.offsets)
     known = (course.heading, TRACK, BOW)
     yield from heading_findings(course, stated_deg, [s for s in suspected if s not in known])
@@ -184,12 +221,14 @@ def _wrong_signs(
     return wrong_signs(pairs, [pair] * mirrored, [pair] * (not mirrored))
 
 
-def _compass_as_meant(mission: Mission) -> HeadingSeries | None:
+def _compass_as_meant(mission: Mission, radians: Collection[str]) -> HeadingSeries | None:
     """Headings of the first compass, those in radians put right."""
-    compass = compass_series(mission)
-    if compass is None or not in_radians(compass):
-        return compass
-    return replace(compass, heading=np.degrees(compass.heading))
+    compass, sensor = compass_series(mission), mission.first("heading")
+    if compass is None or sensor is None:
+        return None
+    if sensor.name in radians or in_radians(compass):
+        return replace(compass, heading=np.degrees(compass.heading))
+    return compass
 
 
 def _gyro(turns: dict[str, Turns], pairs: tuple[TurnPair, ...]) -> Signal | None:

@@ -113,14 +113,19 @@ def direction_pairs(
 
 def _differences(a: Velocity, b: Velocity) -> Array:
     """Direction of a less that of b in each block in which both are clear."""
+    angle_a, angle_b = (np.arctan2(mean[:, 1], mean[:, 0]) for mean in clear_means(a, b))
+    return wrap_angle(angle_a - angle_b)
+
+
+def clear_means(a: Velocity, b: Velocity) -> tuple[Array, Array]:
+    """Mean velocities (k, 2) of both over the blocks in which both stand out of their noise."""
     begin, end = max(a.t[0], b.t[0]), min(a.t[-1], b.t[-1])
     edges = np.arange(begin, end, BLOCK_S)
     if len(edges) < 2:
-        return np.empty(0)
+        return np.empty((0, 2)), np.empty((0, 2))
     (mean_a, clear_a), (mean_b, clear_b) = (_block_means(v, edges) for v in (a, b))
     clear = clear_a & clear_b
-    angle_a, angle_b = (np.arctan2(m[clear, 1], m[clear, 0]) for m in (mean_a, mean_b))
-    return wrap_angle(angle_a - angle_b)
+    return mean_a[clear], mean_b[clear]
 
 
 def _block_means(velocity: Velocity, edges: Array) -> tuple[Array, BoolArray]:

@@ -19,6 +19,10 @@ def columns(exchanged: Mapping[str, str]) -> str:
     return f"columns: {{{', '.join(f'{own}: {theirs}' for own, theirs in exchanged.items())}}}"
 
 
+EXCHANGED_DEGREES = columns({"lat_deg": "lon_deg", "lon_deg": "lat_deg"})
+"""Read latitudes and longitudes under each other's names."""
+
+
 def mounting(R_bs: Array) -> str:
     """Mount the sensor so."""
     rpy_deg = np.round(np.degrees(rpy_from_rotation(R_bs)), 1) + 0.0

@@ -42,7 +42,8 @@ class Convention:
     def fix_of_fixes(self) -> str:
         """What mends it in the receiver's card, where it is the fixes that are mirrored."""
         if self.turn_deg == 90.0:
-            return fixes.columns({"n": "e", "e": "n"})
+            metres = fixes.columns({"n": "e", "e": "n"})
+            return f"{metres} (in a file of degrees {fixes.EXCHANGED_DEGREES})"
         if self.turn_deg == -90.0:
             return fixes.columns({"n": "e", "e": "n"}) + ", " + fixes.scale("n e", -1)
         if self.turn_deg == 0.0:

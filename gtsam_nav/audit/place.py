@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from gtsam_nav.audit import fixes
 from gtsam_nav.audit.findings import Finding
 from gtsam_nav.frames import Array, Origin, geodetic_from_ned, ned_from_geodetic
 from gtsam_nav.mission import Mission, Sensor
@@ -28,10 +29,10 @@ def place_findings(mission: Mission, receiver: Sensor) -> Iterator[Finding]:
     if distance_m < FAR_M:
         yield Finding("fixes against origin", receiver.name, "ok", read)
         return
-    what = "the origin or the fixes are wrong"
+    what, fix = "the origin or the fixes are wrong", ""
     if _exchanged_distance_m(place_n, origin) < FAR_M:
-        what = "their latitude and longitude are exchanged"
-    yield Finding("fixes against origin", receiver.name, "warning", f"{read}: {what}")
+        what, fix = "their latitude and longitude are exchanged", fixes.EXCHANGED_DEGREES
+    yield Finding("fixes against origin", receiver.name, "warning", f"{read}: {what}", fix)
 
 
 def _exchanged_distance_m(place_n: Array, origin: Origin) -> float:

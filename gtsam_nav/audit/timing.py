@@ -8,8 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gtsam_nav.audit import fixes
 from gtsam_nav.audit.findings import Finding
 from gtsam_nav.mission import Mission, Sensor
+from gtsam_nav.preprocess.stamp_units import UNITS, in_other_unit, smaller_units
 
 GAP_FACTOR, LEAST_GAP_S = 5.0, 1.0
 """A silence of more than this many median intervals is a gap, unless it is shorter than that."""
@@ -87,3 +89,11 @@ def timing_findings(timing: SensorTiming) -> Iterator[Finding]:
         )
     for dropped in timing.dropped:
         yield Finding(drops, timing.name, "warning", f"{dropped.reason}: {dropped.n_samples}")
+
+
+def stamp_findings(mission: Mission) -> Iterator[Finding]:
+    """Warnings about stamps in another unit than seconds."""
+    for name, unit in smaller_units(mission).items():
+        message = in_other_unit(mission.sensors[name], unit)
+        fix = fixes.scale("t", UNITS[unit])
+        yield Finding("stamp unit", name, "warning", message, fix)

@@ -134,29 +134,57 @@ def wrong_signs(
 def turn_findings(
     turns: dict[str, Turns], pairs: tuple[TurnPair, ...], wrong_sign: tuple[str, ...]
 ) -> Iterator[Finding]:
-    """Judge units and signs of gyros and compasses."""
-    wrong_unit = suspects(
-        [p.pair for p in pairs if p.unit != 1.0], [p.pair for p in pairs if p.unit == 1.0]
-    )
-    narrow = {
-        name
-        for name, turned in turns.items()
-        if isinstance(turned.sensor.series, HeadingSeries) and is_narrow(turned.sensor.series)
-    }
+    """Judge units and signs of gyros and compasses, and units of odometry."""
+    wrong_unit, radians = _wrong_units(pairs), compasses_in_radians(turns, pairs)
+    compass_is_to_blame = bool(radians & wrong_unit)
     for name, turned in turns.items():
         own = [p for p in pairs if name in p.pair]
+        unit = name in wrong_unit and not compass_is_to_blame
         if turned.sensor.type == "imu" and own:
-            unit = name in wrong_unit and not narrow & {*wrong_unit}
             yield _gyro(turned.sensor, own, unit, wrong_sign)
         elif turned.sensor.type == "heading" and own:
-            radians = name in narrow & {*wrong_unit} or in_radians_by(turned.sensor, own)
-            yield _compass(turned.sensor, own, radians, wrong_sign)
+            yield _compass(turned.sensor, own, name in radians, wrong_sign)
+        elif turned.sensor.type == "odometry" and unit:
+            yield _odometry(name, own)
+
+
+def compasses_in_radians(turns: dict[str, Turns], pairs: tuple[TurnPair, ...]) -> set[str]:
+    """Compasses whose turns tell that their headings are in radians."""
+    wrong_unit, found = _wrong_units(pairs), set()
+    for name, turned in turns.items():
+        if isinstance(turned.sensor.series, HeadingSeries):
+            own = [p for p in pairs if name in p.pair]
+            narrow = name in wrong_unit and is_narrow(turned.sensor.series)
+            if narrow or in_radians_by(turned.sensor, own):
+                found.add(name)
+    return found
+
+
+def _wrong_units(pairs: tuple[TurnPair, ...]) -> set[str]:
+    """Who turns in another unit than all others."""
+    alike = [p.pair for p in pairs if p.unit == 1.0]
+    return {*suspects([p.pair for p in pairs if p.unit != 1.0], alike)}
+
+
+def _told_best(name: str, own: list[TurnPair]) -> tuple[Agreement, float, str]:
+    """The most precise agreement, how many times more the other turns, and who that is."""
+    pair = min(own, key=lambda p: p.agreement.gain_sigma / abs(p.agreement.gain))
+    gain = pair.agreement.gain
+    return pair.agreement, *((gain, pair.y) if pair.x == name else (1 / gain, pair.x))
+
+
+def _odometry(name: str, own: list[TurnPair]) -> Finding:
+    _, gain, other = _told_best(name, own)
+    read = f"{other} turns {gain:.3g} times what its yaw rate integrates to"
+    if unit_ratio(gain) < 1.0:
+        message, factor = f"{read}: it reads in deg/s, not in rad/s", 1 / DEG
+    else:
+        message, factor = f"{read}: it was turned into rad/s twice", DEG
+    return Finding("gyro unit", name, "warning", message, fixes.scale("wz", factor))
 
 
 def _gyro(imu: Sensor, own: list[TurnPair], unit: bool, wrong_sign: tuple[str, ...]) -> Finding:
-    pair = min(own, key=lambda p: p.agreement.gain_sigma / abs(p.agreement.gain))
-    seen = pair.agreement
-    gain, other = (seen.gain, pair.y) if pair.x == imu.name else (1 / seen.gain, pair.x)
+    seen, gain, other = _told_best(imu.name, own)
     read = f"{other} turns {gain:.3g} times what the gyro's z integrates to"
     if unit and unit_ratio(gain) < 1.0:
         message = f"{read}: it reads in deg/s, not in rad/s"

@@ -95,7 +95,7 @@ def _one_stretch(mission: Mission) -> Mission:
             warnings.append(
                 f"sensor '{sensor.name}' is left out: its samples, {t[0]:.1f} to {t[-1]:.1f} s, "
                 f"never overlap in time with the others, {start:.1f} to {stop:.1f} s; "
-                "check its time_offset_s"
+                "check its time_offset_s and the unit of its stamps"
             )
         reason = "clock jump" if np.any(inside) else "no overlap in time"
         rejections += _rejections(sensor, t, ~inside, reason)
@@ -121,7 +121,7 @@ def _warnings_of(sensors: Iterable[Sensor]) -> list[str]:
         if others and all(t[-1] < o[0] or t[0] > o[-1] for o in others):
             found.append(
                 f"sensor '{sensor.name}' never overlaps in time with another; "
-                "check its time_offset_s"
+                "check its time_offset_s and the unit of its stamps"
             )
         if np.any(np.diff(sensor.series.row) < 0):
             late = int(np.sum(sensor.series.row < np.maximum.accumulate(sensor.series.row)))

@@ -52,3 +52,14 @@ def test_noise_and_stated_doubts_explain_an_offset() -> None:
 def test_a_pair_that_could_not_have_told_is_no_witness() -> None:
     vague = pair("depth", "dvl", 0.1, sigma_s=0.5)
     assert set(warned(pair("dvl", "imu", -0.5), vague)) == {"dvl", "imu"}
+
+
+def test_what_the_data_cannot_tell_is_no_agreement() -> None:
+    vague = pair("gnss", "imu", 0.85, sigma_s=1.0)
+    (finding,) = clock_findings([pair("heading", "imu", 0.02), vague])
+    assert "the clocks of heading, imu agree, heading and imu to 0.02 s" in finding.message
+    assert "of gnss's the data do not tell (0.85 s against imu, sigma 1.00 s)" in finding.message
+    (alone,) = clock_findings([vague])
+    assert "agree" not in alone.message
+    (doubted,) = clock_findings([pair("gnss", "imu", 0.02, stated_s=0.5)])
+    assert "the clocks of gnss, imu agree" in doubted.message

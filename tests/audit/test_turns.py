@@ -91,6 +91,17 @@ def test_gyro_that_was_converted_twice() -> None:
     assert found["gyro unit"].fix == "scale: {gx: 57.29578, gy: 57.29578, gz: 57.29578}"
 
 
+def test_odometry_in_degrees_or_converted_twice() -> None:
+    series = wheels().series
+    assert isinstance(series, OdometrySeries)
+    for convert, factor in ((np.degrees, "0.01745329"), (np.radians, "57.29578")):
+        spoilt = replace(wheels(), series=replace(series, yaw_rate=convert(series.yaw_rate)))
+        found = warned(imu(), compass(), spoilt)
+        assert list(found) == ["gyro unit"]
+        assert found["gyro unit"].sensor == "odometry"
+        assert found["gyro unit"].fix == f"scale: {{wz: {factor}}}"
+
+
 def test_a_third_sensor_tells_who_is_reversed() -> None:
     assert list(warned(imu(-RATE), compass(), wheels())) == ["gyro sign"]
     assert list(warned(imu(), compass(-YAW), wheels())) == ["heading sign"]
