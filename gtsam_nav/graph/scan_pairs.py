@@ -154,7 +154,9 @@ class ScanPairs:
         )
         beside, gradients = own_by_interval(own, g, self._knot, n - 1, arms, fraction)
         blocks = np.zeros((len(self._codes), 3, 3))
-        _scatter(blocks, self._slot, np.concatenate([across, across.swapaxes(1, 2), beside]))
+        slots = np.split(self._slot, 4 * np.cumsum([len(across), len(across)]))
+        for slot, parts in zip(slots, (across, across.swapaxes(1, 2), beside), strict=True):
+            _scatter(blocks, slot, parts)
         gradient = np.zeros((n, 3))
         gradient[:-1] += gradients[:, :3]
         gradient[1:] += gradients[:, 3:]
