@@ -144,6 +144,12 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         Where the graph is indeterminate or diverges.
     """
     clock = StageClock()
+    solution = _estimated(mission, config, clock, progress)
+    give_back()
+    return replace(solution, stage_s=clock.seconds)
+
+
+def _estimated(mission: Mission, config: Config, clock: StageClock, progress: Progress) -> Solution:
     ready = made_ready(mission, config, clock, progress)
     ready, echoes = _echoes(ready, clock, progress)
     problem = _built(ready, echoes, clock)
@@ -151,8 +157,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     with clock.stage("covariance"), states_named(problem):
         give_back()
         covariances = _covariances(problem, solved.graph, solved.refined)
-    solution = _solution(ready, echoes, solved, covariances)
-    return replace(solution, stage_s=clock.seconds)
+    return _solution(ready, echoes, solved, covariances)
 
 
 def _echoes(ready: Ready, clock: StageClock, progress: Progress) -> tuple[Ready, _Echoes]:
