@@ -52,8 +52,13 @@ def test_a_steady_turn_of_the_heading_is_degrees_per_metre() -> None:
 def test_without_a_length_a_segment_is_a_tenth_of_the_path() -> None:
     """An error that comes back every ten metres shows over other lengths only."""
     p_n, rpy = along_north()
-    swaying = p_n + np.column_stack([0 * T, np.sin(0.2 * np.pi * T), 0 * T])
-    matched = match(as_trajectory(swaying, rpy), ReferenceSeries(t=T, p_n=p_n, rpy=rpy))
+    swaying = as_trajectory(p_n + np.column_stack([0 * T, np.sin(0.2 * np.pi * T), 0 * T]), rpy)
+    reference = ReferenceSeries(t=T, p_n=p_n, rpy=rpy)
+    whole_swings = evaluate_trajectory(swaying, reference).rpe
+    for error in (whole_swings.per_10_m, whole_swings.per_50_m):
+        assert error is not None
+        assert error.percent == pytest.approx(0.0, abs=1e-9)
+    matched = match(swaying, reference)
     assert matched is not None
     tenth, nine = relative_error(matched, None), relative_error(matched, 9.0)
     assert tenth is not None

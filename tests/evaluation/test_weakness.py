@@ -75,6 +75,7 @@ def test_a_stretch_says_how_unsure_and_what_was_missing() -> None:
     [
         ((closure(20.0, 0.2),), None),
         ((closure(250.0, 0.2),), "no loop closure"),
+        ((closure(80.0, 0.2),), "no loop closure"),  # from before it to behind it
         ((closure(20.0, 0.2, "rejected"),), "no loop closure"),
         (
             (closure(20.0, 100.0), closure(110.0, 90.0), closure(130.0, 0.2)),
