@@ -79,24 +79,23 @@ def test_edges_are_cropped_with_both_their_poses(tmp_path: Path) -> None:
     assert read.crop(0.1, 0.9).edges is None
 
 
-def test_edges_hours_away_from_all_sensors_are_left_out(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        pytest.param("1e9,1,0,0,0,1,0,0,1,0,1", "1 edges are left out", id="hours_away"),
+        pytest.param("0,1,0,0,0,-1,0,0,1,0,1", "1 unusable edges", id="no_covariance"),
+    ],
+)
+def test_an_edge_of_a_mission_folder_that_is_left_out_is_told(
+    tmp_path: Path, line: str, told: str
+) -> None:
     write_mission(graph(tmp_path), tmp_path / "folder")
     with (tmp_path / "folder" / "edges.csv").open("a") as file:
-        file.write("1e9,1,0,0,0,1,0,0,1,0,1\n")
+        file.write(f"{line}\n")
     read = open_mission(tmp_path / "folder")
     assert read.edges is not None
     assert len(read.edges) == 4
-    assert any("1 edges are left out" in w for w in read.warnings)
-
-
-def test_an_unusable_edge_of_a_mission_folder_is_told(tmp_path: Path) -> None:
-    write_mission(graph(tmp_path), tmp_path / "folder")
-    with (tmp_path / "folder" / "edges.csv").open("a") as file:
-        file.write("0,1,0,0,0,-1,0,0,1,0,1\n")
-    read = open_mission(tmp_path / "folder")
-    assert read.edges is not None
-    assert len(read.edges) == 4
-    assert any("1 unusable edges" in w for w in read.warnings)
+    assert any(told in w for w in read.warnings)
 
 
 def test_a_graph_without_loops_is_odometry_alone(tmp_path: Path) -> None:
