@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gtsam_nav.audit.significance import prefers, quantile
+from gtsam_nav.audit.significance import losses, prefers, quantile
 from gtsam_nav.frames import Array
 from gtsam_nav.series import BoolArray
 
@@ -15,6 +15,9 @@ WINDOWS_S = (10.0, 30.0, 60.0)
 """Within so long neither sensor is taken to drift away from a straight line: slow errors call for
 the shorter, slow vehicles for the longer."""
 LONGEST_LAG_S = 5.0
+"""Of the search at full resolution, which begins where one in coarse steps has led."""
+FARTHEST_LAG_S, COARSE_STEP_S = 40.0, 0.2
+"""GPS time is 18 s ahead of UTC."""
 MOST_LAGS = 100
 FEWEST_WINDOWS, FEWEST_IN_WINDOW = 6, 8
 MOST_WINDOWS = 500
@@ -102,29 +105,52 @@ def agreement(y: Signal, x: Signal) -> Agreement | None:
     -------
     Agreement or None
         None where they overlap too little, one of them never changes, or they have nothing in
-        common within `LONGEST_LAG_S`.
+        common within `FARTHEST_LAG_S`.
     """
     if len(y.t) < 2 or len(x.t) < 2:
         return None
     step_s = max(float(np.median(np.diff(s.t))) for s in (y, x))
+    n_lags = min(max(int(LONGEST_LAG_S / step_s), 2), MOST_LAGS)
+    far_s = _far_lag(y, x, max(step_s, COARSE_STEP_S), n_lags * step_s)
+    if far_s is None:
+        return None
+    moved = Signal(x.t - far_s, x.values)
+    told = _fastest(list(_told(_windows(y, moved, step_s, n_lags), step_s)))
+    return None if told is None else replace(told, lag_s=far_s + told.lag_s)
+
+
+def _far_lag(y: Signal, x: Signal, step_s: float, reach_s: float) -> float | None:
+    """The lag in coarse steps: zero if within reach; None where the best beyond is not decided."""
+    n_lags = int(FARTHEST_LAG_S / step_s)
+    windows = list(_windows(y, x, step_s, n_lags))
+    told = _fastest(list(_told(windows, step_s)))
+    if told is not None:
+        return told.lag_s if abs(told.lag_s) > reach_s else 0.0
+    best = [_best_lag(products.sum(axis=0)) - n_lags for products in windows]
+    return None if any(abs(k) * step_s > reach_s for k in best) else 0.0
+
+
+def _told(windows: Iterable[Array], step_s: float) -> Iterator[Agreement]:
+    """The significant agreements of the products of windows of each length."""
+    for products in windows:
+        told = _over_windows(products, step_s)
+        if told is not None and told.significant:
+            yield told
+
+
+def _windows(y: Signal, x: Signal, step_s: float, n_lags: int) -> Iterator[Array]:
+    """Of each length of windows that are enough, their products, shape (windows, 3, lags)."""
     grid = np.arange(max(y.t[0], x.t[0]) + step_s, min(y.t[-1], x.t[-1]) - step_s, step_s)
     if len(grid) < FEWEST_WINDOWS * FEWEST_IN_WINDOW:
-        return None
+        return
     means_y, means_x = (_means(s, grid, step_s) for s in (y, x))
     silence_s = np.maximum(_silence_s(y.t, grid), _silence_s(x.t, grid))
-    n_lags = min(max(int(LONGEST_LAG_S / step_s), 2), MOST_LAGS)
-    found = [
-        _over_windows(
-            means_y,
-            means_x,
-            silence_s < max(GAP_STEPS * step_s, GAP_SHARE * w),
-            step_s,
-            max(round(w / step_s), 2),
-            n_lags,
-        )
-        for w in WINDOWS_S
-    ]
-    return _fastest([f for f in found if f is not None and f.significant])
+    for window_s in WINDOWS_S:
+        length = max(round(window_s / step_s), 2)
+        known = silence_s < max(GAP_STEPS * step_s, GAP_SHARE * window_s)
+        products = np.array(list(_products(means_y, means_x, known, length, n_lags)))
+        if len(products) >= FEWEST_WINDOWS and length >= FEWEST_IN_WINDOW:
+            yield products
 
 
 def _fastest(told: list[Agreement]) -> Agreement | None:
@@ -156,14 +182,9 @@ def _silence_s(t: Array, grid: Array) -> Array:
     return np.asarray(t[after] - t[after - 1])
 
 
-def _over_windows(
-    y: Array, x: Array, known: BoolArray, step_s: float, length: int, n_lags: int
-) -> Agreement | None:
-    """The agreement over windows of so many steps."""
-    products = np.array(list(_products(y, x, known, length, n_lags)))
+def _over_windows(products: Array, step_s: float) -> Agreement | None:
+    """The agreement over windows of one length."""
     n = len(products)
-    if n < FEWEST_WINDOWS or length < FEWEST_IN_WINDOW:
-        return None
     total = products.sum(axis=0)
     k = _decided_lag(products)
     if k is None:
@@ -184,22 +205,27 @@ def _over_windows(
 
 def _products(y: Array, x: Array, known: BoolArray, length: int, n_lags: int) -> Iterator[Array]:
     """Of each window, at each lag: the sums of x y, x x and y y, shape (3, lags)."""
+    one = np.full(length, length**-0.5)
     ramp = np.arange(length) - 0.5 * (length - 1)
     ramp = ramp / np.linalg.norm(ramp)
-
-    def flat(rows: Array) -> Array:
-        level = rows - rows.mean(axis=-1, keepdims=True)
-        return np.asarray(level - (level @ ramp)[..., None] * ramp)
-
     begins = np.arange(n_lags, len(y) - length - n_lags + 1, length)
     for begin in begins[:: max(1, -(-len(begins) // MOST_WINDOWS))]:
         reach = slice(begin - n_lags, begin + length + n_lags)
         if not np.all(known[reach]):
             continue
-        wanted = flat(y[begin : begin + length])
-        seen = flat(np.lib.stride_tricks.sliding_window_view(x[reach], length))
-        yy = np.full(len(seen), wanted @ wanted)
-        yield np.array([seen @ wanted, np.sum(seen**2, axis=1), yy])
+        wanted, seen = y[begin : begin + length], x[reach] - np.mean(x[reach])
+        wanted = wanted - np.mean(wanted)
+        wanted = wanted - (wanted @ ramp) * ramp
+        line = [np.correlate(seen, part) ** 2 for part in (one, ramp)]
+        xx = np.correlate(seen**2, np.ones(length)) - line[0] - line[1]
+        yy = np.full(len(xx), wanted @ wanted)
+        yield np.array([np.correlate(seen, wanted), np.maximum(xx, 0.0), yy])
+
+
+def _best_lag(products: Array) -> int:
+    """Index of the lag at which one signal explains most of the other; products (3, lags)."""
+    xy, xx, _ = products
+    return int(np.argmax(xy**2 / np.where(xx > 0, xx, np.inf)))
 
 
 def _decided_lag(products: Array) -> int | None:
@@ -214,16 +240,17 @@ def _decided_lag(products: Array) -> int | None:
     explained = xy**2 / xx
     edged = np.concatenate([[-np.inf], explained, [-np.inf]])
     peaks = np.flatnonzero((edged[1:-1] >= edged[:-2]) & (edged[1:-1] >= edged[2:]))
-    best = int(np.argmax(explained))
+    best = _best_lag(products.sum(axis=0))
     middle = len(xy) // 2
     nearer = [int(k) for k in peaks if abs(k - middle) < abs(best - middle)]
 
     def misfit(k: int) -> Array:
         gain = xy[k] / xx[k]
         of_x, of_xx, of_yy = products[:, :, k].T
-        return np.asarray(of_yy - 2 * gain * of_x + gain**2 * of_xx)
+        return np.asarray(np.sqrt(np.maximum(of_yy - 2 * gain * of_x + gain**2 * of_xx, 0.0)))
 
-    decided = all(prefers(misfit(k), misfit(best), len(peaks)) for k in nearer)
+    loss = losses(np.array([misfit(k) for k in (best, *nearer)]))
+    decided = all(prefers(row, loss[0], len(peaks)) for row in loss[1:])
     return best if decided else None
 
 

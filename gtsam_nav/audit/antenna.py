@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gtsam_nav.audit import fixes
-from gtsam_nav.audit.agreement import LONGEST_LAG_S, Lag, Signal
+from gtsam_nav.audit.agreement import LONGEST_LAG_S, Lag, Signal, agreement
 from gtsam_nav.audit.courses import Velocity, way
 from gtsam_nav.audit.findings import Finding
 from gtsam_nav.audit.motion import turned
@@ -76,12 +76,14 @@ def antenna_fit(gnss: Sensor, yaw: Signal, velocities: Sequence[Velocity]) -> An
     AntennaFit or None
         None with too few windows that hold enough fixes and velocities.
     """
-    found = [
-        fit
-        for velocity in velocities
-        for window_s in WINDOWS_S
-        if (fit := _fit(gnss, yaw, velocity, window_s)) is not None
-    ]
+    series = gnss.series
+    assert isinstance(series, GnssSeries)
+    found = []
+    for velocity in velocities:
+        path = _path(yaw, velocity)
+        start_s = _coarse_lag_s(series, velocity.t, path[:, :2])
+        fits = [_fit(series, velocity, path, start_s, window_s) for window_s in WINDOWS_S]
+        found += [fit for fit in fits if fit is not None]
     if not found:
         return None
     lever = min(found, key=lambda fit: _limit(fit) * float(np.max(fit.formal[:2])))
@@ -93,14 +95,18 @@ def _limit(fit: AntennaFit) -> float:
     return quantile(fit.n_windows - 1)
 
 
-def _fit(gnss: Sensor, yaw: Signal, velocity: Velocity, window_s: float) -> AntennaFit | None:
-    """With windows of a length; the clock's offset is linearised anew where it was found."""
-    series = gnss.series
-    assert isinstance(series, GnssSeries)
+def _path(yaw: Signal, velocity: Velocity) -> Array:
+    """Way and velocity along north and east, and heading, at the velocity's times, shape (n, 5)."""
     heading = np.interp(velocity.t, yaw.t, yaw.values)
     v_n = turned(velocity.v_b(), heading)
-    path = np.column_stack([way(velocity.t, v_n), v_n, heading])
-    lag_s, n_windows = 0.0, 0
+    return np.column_stack([way(velocity.t, v_n), v_n, heading])
+
+
+def _fit(
+    series: GnssSeries, velocity: Velocity, path: Array, start_s: float, window_s: float
+) -> AntennaFit | None:
+    """With windows of a length; the clock's offset is linearised anew where it was found."""
+    lag_s, n_windows = start_s, 0
     for _ in range(REFINEMENTS):
         parts = list(_windows(series.shift(lag_s), velocity.t, path, window_s))
         n_windows = len(parts)
@@ -108,12 +114,20 @@ def _fit(gnss: Sensor, yaw: Signal, velocity: Velocity, window_s: float) -> Ante
             return None
         solved, sigma, formal = _jackknifed(_without_outliers(parts))
         change_s = float(np.clip(solved[2], -LONGEST_LAG_S, LONGEST_LAG_S))
-        lag_s = float(np.clip(lag_s + change_s, -LONGEST_LAG_S, LONGEST_LAG_S))
+        lag_s = float(np.clip(lag_s + change_s, start_s - LONGEST_LAG_S, start_s + LONGEST_LAG_S))
     step_s = float(np.median(np.diff(velocity.t)))
     # a few windows may agree by chance
     sigma = np.maximum(sigma, formal)
     lag = Lag(lag_s, float(sigma[2]), step_s, n_windows)
     return AntennaFit(velocity.name, solved[:2], sigma[:2], lag, n_windows, formal)
+
+
+def _coarse_lag_s(series: GnssSeries, t: Array, way_n: Array) -> float:
+    """How late the fixes are by the way along north and east; zero where it does not tell."""
+    fixes_n = series.p_n[:, :2]
+    told = [agreement(Signal(series.t, fixes_n[:, k]), Signal(t, way_n[:, k])) for k in range(2)]
+    known = [a for a in told if a is not None]
+    return min(known, key=lambda a: a.lag_sigma_s).lag_s if known else 0.0
 
 
 def _windows(

@@ -30,6 +30,20 @@ def test_gain_and_lag_are_found(late_s: float, gain: float) -> None:
     assert found.lag_sigma_s < 0.1
 
 
+@pytest.mark.parametrize("late_s", [8.0, -18.0, 30.0])
+def test_clocks_that_are_far_apart_are_found(late_s: float) -> None:
+    found = agreement(seen(5.0, late_s), seen(50.0))
+    assert found is not None
+    assert found.gain == pytest.approx(1.0, abs=0.05)
+    assert found.lag_s == pytest.approx(-late_s, abs=5 * found.lag_sigma_s)
+    assert found.lag_sigma_s < 0.1
+
+
+def test_a_lag_beyond_the_farthest_is_not_taken_for_a_short_one() -> None:
+    found = agreement(seen(5.0, 60.0), seen(50.0))
+    assert found is None or abs(found.lag_s) > 5.0
+
+
 def test_drift_of_either_does_not_matter() -> None:
     y, x = seen(5.0, 0.4), seen(10.0)
     drifting = Signal(y.t, y.values + 0.05 * y.t + 20.0)
@@ -63,6 +77,15 @@ def test_a_steady_wave_never_passes_for_a_lag_of_its_period(seed: int) -> None:
     noisy = swell(t) + np.random.default_rng(seed).normal(0, 0.3, len(t))
     found = agreement(Signal(t, noisy), Signal(FINE_T, swell(FINE_T)))
     assert found is None or (found.gain > 0 and abs(found.lag_s) < 0.1)
+
+
+@pytest.mark.parametrize("seed", [4, 5])
+def test_a_group_of_waves_is_not_taken_for_the_one_before(seed: int) -> None:
+    heave = np.convolve(np.random.default_rng(seed).normal(size=len(FINE_T)), swell(FINE_T[:1000]))
+    heave = heave[: len(FINE_T)] / np.std(heave)
+    t = np.arange(0.0, 299.0, 0.2)
+    found = agreement(Signal(t + 8.0, np.interp(t, FINE_T, heave)), Signal(FINE_T, heave))
+    assert found is None or found.lag_s == pytest.approx(-8.0, abs=0.1)
 
 
 def test_a_silence_is_not_compared() -> None:

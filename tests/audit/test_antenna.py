@@ -38,7 +38,7 @@ def log(scale: float = 1.0) -> Velocity:
     return Velocity("dvl", T, v_s, np.eye(3))
 
 
-@pytest.mark.parametrize("late_s", [0.0, 0.7, -2.0])
+@pytest.mark.parametrize("late_s", [0.0, 0.7, -2.0, 18.0])
 def test_arm_and_clock_are_found(late_s: float) -> None:
     for seed in range(3):
         fit = antenna_fit(receiver(late_s, seed), Signal(T, YAW + 0.01), [log(1.05)])
