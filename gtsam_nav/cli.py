@@ -39,8 +39,20 @@ config_app = typer.Typer(no_args_is_help=True, help="The configuration.")
 app.add_typer(config_app, name="config")
 
 
+def _tell_version(wanted: bool) -> None:
+    if wanted:
+        from gtsam_nav import __version__
+
+        show(f"gtsam-nav {__version__}")
+        raise typer.Exit
+
+
 @app.callback()
 def settle_logging(
+    version: Annotated[  # noqa: ARG001
+        bool,
+        typer.Option("--version", is_eager=True, callback=_tell_version, help="Tell it and exit."),
+    ] = False,
     debug: Annotated[
         bool, typer.Option("--debug", help="Log more, and show the traceback of errors.")
     ] = False,

@@ -170,6 +170,16 @@ def test_dropped_samples_are_counted_by_reason(mission: Mission) -> None:
     counted = next(s for s in found.sensors if s.name == "dvl").dropped
     assert [(d.reason, d.n_samples) for d in counted] == [("not finite", 1), ("time goes back", 3)]
     assert sum(f.check == "dropped" and f.severity == "warning" for f in found.findings) == 2
+    assert not any(f.check == "mostly dropped" for f in found.findings)
+
+
+def test_a_sensor_most_of_which_is_dropped_is_told_of_at_once(mission: Mission) -> None:
+    n = len(mission.sensors["dvl"].series)
+    dropped = [Rejection(float(k), "dvl", k, "not finite") for k in range(n + 1)]
+    found = audit(replace(mission, rejections=(*dropped, Rejection(9.0, "dvl", 9, "too fast"))))
+    (alert,) = (alert for alert in found.alerts if "dvl: mostly dropped" in alert)
+    assert f"{n + 2} of {2 * n + 2} samples" in alert
+    assert alert.endswith("not finite")
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -101,6 +102,11 @@ def one_line(outcome: Outcome) -> bool:
 
 
 # ------------------------------------------------------------------------------- what it can do
+
+
+def test_the_version_is_the_installed_one(gtsam_nav: CommandLine) -> None:
+    shown = gtsam_nav("--version")
+    assert (shown.code, shown.out) == (0, f"gtsam-nav {version('gtsam-nav')}\n")
 
 
 def test_help_names_every_command(gtsam_nav: CommandLine) -> None:

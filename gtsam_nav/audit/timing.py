@@ -89,6 +89,12 @@ def timing_findings(timing: SensorTiming) -> Iterator[Finding]:
         )
     for dropped in timing.dropped:
         yield Finding(drops, timing.name, "warning", f"{dropped.reason}: {dropped.n_samples}")
+    n_dropped = sum(dropped.n_samples for dropped in timing.dropped)
+    if n_dropped > timing.n_samples > 0:
+        share = f"{n_dropped} of {n_dropped + timing.n_samples} samples"
+        reason = max(timing.dropped, key=lambda dropped: dropped.n_samples).reason
+        message = f"{share} are of no use, mostly for: {reason}"
+        yield Finding("mostly dropped", timing.name, "warning", message)
 
 
 def stamp_findings(mission: Mission) -> Iterator[Finding]:

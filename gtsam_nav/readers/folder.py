@@ -56,7 +56,7 @@ from gtsam_nav.readers._mission_yaml import (
 )
 from gtsam_nav.readers._mounting import ORIENTING_TYPES, in_body_axes
 from gtsam_nav.readers._npz import read_beams, read_scans
-from gtsam_nav.readers._rejections import read_rejections
+from gtsam_nav.readers._rejections import REJECTIONS_FILE, read_rejections
 from gtsam_nav.readers._table import Table, read_named_files, read_table, truncation
 from gtsam_nav.readers.layout import GEODETIC_COLUMNS, LAYOUTS, NED_COLUMNS, Field
 from gtsam_nav.sensors.noise import NOISE_MODELS
@@ -65,6 +65,9 @@ from gtsam_nav.solution import Progress, no_progress
 
 NAME = "mission folder"
 EXPECTS = f"a folder with {MISSION_FILE}"
+
+DATA_SUFFIXES = (".csv", ".csv.gz", ".npz")
+MOST_NAMED = 10
 
 Cleaned = tuple[Series | None, list[Rejection]]
 
@@ -84,7 +87,23 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
     """
     description = file_inside(path, MISSION_FILE)
     described = read_yaml(description, MissionFile)
-    return read_described(path, described, description, progress, read_rejections(path))
+    mission = read_described(path, described, description, progress, read_rejections(path))
+    unnamed = _unnamed_files(path, mission.sources)
+    if not unnamed:
+        return mission
+    named = ", ".join(unnamed[:MOST_NAMED]) + " and others" * (len(unnamed) > MOST_NAMED)
+    warning = f"{MISSION_FILE} does not name {named}: left out"
+    return replace(mission, warnings=(*mission.warnings, warning))
+
+
+def _unnamed_files(folder: Path, named: Sequence[Path]) -> list[str]:
+    """Files of data in the folder itself that its description has forgotten, or lost."""
+    known = {REJECTIONS_FILE, *(path.name for path in named if path.parent == folder)}
+    return sorted(
+        path.name
+        for path in folder.iterdir()
+        if path.name.endswith(DATA_SUFFIXES) and path.name not in known and path.is_file()
+    )
 
 
 def read_described(

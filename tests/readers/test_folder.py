@@ -71,6 +71,15 @@ def test_columns_come_in_any_order_and_unknown_ones_are_named(tmp_path: Path) ->
     assert any("unknown columns: comment" in w for w in mission.warnings)
 
 
+def test_files_that_the_description_has_lost_are_named(tmp_path: Path) -> None:
+    folder = one_sensor_folder(tmp_path, "depth", DEPTH_CSV)
+    assert not any("does not name" in w for w in open_mission(folder).warnings)
+    for name in ("heading.csv", "imu.csv.gz", "beams.npz", "notes.txt", "rejections.csv"):
+        (folder / name).write_text("t,sensor,index,reason\n", encoding="utf-8")
+    (warning,) = (w for w in open_mission(folder).warnings if "does not name" in w)
+    assert warning == "mission.yaml does not name beams.npz, heading.csv, imu.csv.gz: left out"
+
+
 def test_fixes_in_degrees_become_local(tmp_path: Path) -> None:
     text = csv(
         "t,lat_deg,lon_deg,h_m,sigma_n,sigma_e,sigma_d,vn,ve,vd", 42.001, 3.002, 7, 1, 2, 3, 4, 5, 6
