@@ -34,7 +34,7 @@ class MajorAxis:
         """None for a trajectory without covariances."""
         if trajectory.cov_pose_n is None:
             return None
-        cov = trajectory.cov_pose_n[:, :2, :2]
+        cov = trajectory.cov_pose_n
         half = 0.5 * (cov[:, 0, 0] + cov[:, 1, 1])
         difference = 0.5 * (cov[:, 0, 0] - cov[:, 1, 1])
         root = np.hypot(difference, cov[:, 0, 1])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import chi2
@@ -104,6 +106,20 @@ def test_a_start_declared_perfect_is_left_out() -> None:
         t=estimate.t, p_n=estimate.p_n, q_nb_wxyz=estimate.q_nb_wxyz, cov_pose_n=cov
     )
     matched = match(perfect, ReferenceSeries(t=reference.t, p_n=reference.p_n))
+    assert matched is not None
+    nees = horizontal_nees(matched)
+    assert nees is not None
+    assert len(nees) == N - 1
+
+
+def test_what_is_known_along_one_line_only_is_left_out() -> None:
+    """North and east that err as one have a covariance that cannot be inverted."""
+    estimate, reference = drawn()
+    assert estimate.cov_pose_n is not None
+    cov = estimate.cov_pose_n.copy()
+    cov[7, :2, :2] = 1.0
+    tied = replace(estimate, cov_pose_n=cov)
+    matched = match(tied, ReferenceSeries(t=reference.t, p_n=reference.p_n))
     assert matched is not None
     nees = horizontal_nees(matched)
     assert nees is not None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -35,6 +36,23 @@ def test_a_long_refusal_is_said_with_its_time() -> None:
         "dvl: 40 of 200 measurements were rejected, in one run those from 20.0 s to 39.5 s"
     )
     assert "contradict" in said
+
+
+def test_of_several_runs_the_longest_is_named() -> None:
+    (said,) = contradictions(solution([*range(10, 18), *range(60, 110), *range(150, 190)]))
+    assert "in one run those from 30.0 s to 54.5 s" in said
+
+
+@pytest.mark.parametrize(("n", "said"), [(21, 1), (20, 0)])
+def test_more_than_ten_seconds_are_long(n: int, said: int) -> None:
+    assert len(list(contradictions(solution(range(50, 50 + n + 1))))) == said
+
+
+@pytest.mark.parametrize(("n", "said"), [(20, 1), (19, 0)])
+def test_fewer_than_twenty_may_be_outliers(n: int, said: int) -> None:
+    kept = solution(range(1, 10 * n, 10))
+    few = replace(kept, innovations={"dvl": Innovations(T[:5], np.ones(5), 3)})
+    assert len(list(contradictions(few))) == said
 
 
 def test_a_sensor_that_is_refused_always_is_said() -> None:

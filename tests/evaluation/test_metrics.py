@@ -341,6 +341,10 @@ def test_metrics_print_their_headline() -> None:
     text = str(evaluate(solutions.graph_solution()))
     assert "ate none" in text
     assert "coverage   1.000" in text
+    unsure = evaluate(solutions.graph_solution())
+    assert unsure.nees is not None
+    assert f"nees       {unsure.nees.mean:.2f} (2 degrees of freedom)" in text
+    assert "nees" not in str(replace(unsure, nees=None))
 
 
 def test_evaluate_takes_a_mission_for_its_reference() -> None:

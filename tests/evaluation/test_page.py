@@ -177,6 +177,38 @@ def test_loops_say_all_that_is_known_of_them(
     np.testing.assert_allclose(first["ne_b"], there, atol=0.006)
 
 
+def test_figures_have_the_digits_that_are_worth_reading(both: list[Solution]) -> None:
+    closed = next(loop for loop in both[1].loops if loop.verdict == "accepted")
+    closed = replace(
+        closed, t_a=100.12345, t_b=400.12345, dx_m=1.23456, dy_m=-2.34567, dyaw=0.1,
+        score=0.87654, weight=0.12345,
+    )  # fmt: skip
+    landmarks = replace(
+        solutions.landmark_estimates(),
+        p_n=np.full((3, 3), 1 / 3),
+        cov_n=np.tile(np.eye(3) / 7 + 1 / 900, (3, 1, 1)),
+    )
+    solution = replace(both[1], loops=(closed,), landmarks=landmarks, reference=None)
+    (track,) = page_document([solution], None)["plan"]["tracks"]
+    (loop,) = track["loops"]
+    figures = [loop[name] for name in ("t_a", "t_b", "dx_m", "dy_m", "dyaw_deg", "score", "weight")]
+    assert figures == [100.123, 400.123, 1.235, -2.346, 5.73, 0.877, 0.123]
+    path = both[1].trajectory.interpolate(np.array([100.12345, 400.12345])).p_n
+    assert loop["ne_a"] == path[0, :2].round(2).tolist()
+    assert loop["ne_b"] == path[1, :2].round(2).tolist()
+    assert track["landmarks"][0]["ne"] == [0.333, 0.333]
+    assert track["landmarks"][0]["cov"] == [0.143968, 0.143968, 0.001111]
+
+
+def test_a_perfect_start_has_no_correlation(both: list[Solution]) -> None:
+    cov = both[1].trajectory.cov_pose_n
+    assert cov is not None
+    certain = replace(both[1].trajectory, cov_pose_n=cov * (np.arange(len(cov)) > 5)[:, None, None])
+    (track,) = page_document([replace(both[1], trajectory=certain)], None)["plan"]["tracks"]
+    assert np.all(unpacked(track["correlation"])[:6] == 0.0)
+    assert np.all(unpacked(track["sigma_n"])[:6] == 0.0)
+
+
 def test_fixes_are_told_apart_by_what_became_of_them(both: list[Solution]) -> None:
     refused = (Rejection(7.0, "gnss", 7, "outlier", 30.0), Rejection(9.0, "dvl", 9, "outlier"))
     fixes = page_document([replace(both[0], rejections=refused)], None)["plan"]["fixes"]

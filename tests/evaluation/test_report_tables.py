@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import solutions
 
@@ -13,6 +14,7 @@ from gtsam_nav.evaluation import report_tables as tables
 from gtsam_nav.evaluation.html import Html
 from gtsam_nav.evaluation.metrics import Metrics, evaluate
 from gtsam_nav.evaluation.relations import RelationErrors, RelationScores
+from gtsam_nav.solution import ClockOffset, RobustWeights
 from gtsam_nav.writers.run_record import RunRecord
 
 
@@ -165,3 +167,29 @@ def test_files_and_stages() -> None:
     bare = tables.timing_table({"graph": replace(RECORD, stage_s={})})
     assert "colspan" not in bare
     assert rows(tables.source_table(RECORD)) == [["a", "1"], ["b", "2"]]
+
+
+def test_clock_offsets_to_a_tenth_of_a_millisecond(unscored: Metrics) -> None:
+    offsets = (
+        ClockOffset("gnss", "velocity_lag", -0.12345, 0.00123, 0.5),
+        ClockOffset("imu", "time_offset", 0.0, 0.5, 0.5),
+    )
+    assert rows(tables.clock_table({"graph": replace(unscored, clock_offsets=offsets)})) == [
+        ["graph", "gnss", "velocity lag", "-0.1235", "0.0012", "yes"],
+        ["graph", "imu", "time offset", "0.0000", "0.5000", "no"],
+    ]
+
+
+def test_weights_by_sensor() -> None:
+    weight, residual = np.array([0.0, 0.25, 0.5, 1.0, 1.0, 1.0]), np.array([9, 4, 2, 1, 0.5, 0.1])
+    weights = {"dvl": RobustWeights("huber", np.arange(6.0), residual, weight)}
+    weights["gnss"] = RobustWeights("none", np.arange(2.0), np.ones(2), np.ones(2))
+    weighed = replace(solutions.graph_solution(), robust_weights=weights)
+    assert rows(tables.weight_table([weighed])) == [
+        ["graph", "dvl", "huber", "6", "16.7", "33.3", "0.62", "1.50"],
+        ["", "gnss", "none", "2", "0.0", "0.0", "1.00", "1.00"],
+    ]
+
+
+def test_fixes_used_and_withheld(graph: Metrics) -> None:
+    assert rows(tables.gnss_table({"graph": graph})) == [["graph", "60", "540"]]
