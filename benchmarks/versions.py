@@ -178,6 +178,8 @@ def main() -> None:
     parser.add_argument("--place", type=Path, help="where the environments go, 3 GB each")
     parser.add_argument("--pin", type=Path, help="write the newest versions here if all pass")
     arguments = parser.parse_args()
+    if arguments.place is not None:
+        arguments.place.mkdir(parents=True, exist_ok=True)
     outcomes = []
     print(f"{'python':8}{'versions':10}{'seconds':>8}  tests")
     with tempfile.TemporaryDirectory(dir=arguments.place) as made:
