@@ -13,7 +13,6 @@ from gtsam_nav.errors import EstimationError
 from gtsam_nav.frames import Array
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import B, X
-from gtsam_nav.graph.preintegration import integrate_anew
 from gtsam_nav.graph.problem import Problem, Reading, SensorFactor
 from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.graph.scan_matching import PlanarPose
@@ -74,13 +73,13 @@ class Backend:
                 self._new_factors.add(hint)
         else:
             self.problem.set_gravity(k, self._last_state)
-            integrate_anew(self.problem, k, self._last_bias)
+            self.problem.integrate_at(k, self._last_bias)
             state = self.problem.predicted(k, self._last_state, self._last_bias)
         self._new_values.insert(X(k), state)
         self._last_state = state
         for key, first in self.problem.variables[k]:
             self._new_values.insert(key, first(self._state_at))
-        for entry in self.problem.factors[k]:
+        for entry in self.problem.brought(k):
             self.add_factor(entry)
         for reading in self.problem.readings[k]:
             self._new_factors.add(self._online_factor(reading))

@@ -11,7 +11,8 @@ import numpy as np
 from gtsam_nav.frames import Array, quaternion_from_rotation, rotation_from_rpy, wrap_angle
 from gtsam_nav.graph.bridge import Bridge, inertial_bridge, joint_of_neighbours, steady_bridge
 from gtsam_nav.graph.factors import B, X
-from gtsam_nav.graph.problem import InertialStep, Problem
+from gtsam_nav.graph.preintegration import InertialStep
+from gtsam_nav.graph.problem import Problem
 from gtsam_nav.trajectory import Trajectory
 
 TANGENT = np.r_[0:3, 6:9, 3:6]

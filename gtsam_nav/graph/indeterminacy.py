@@ -12,6 +12,7 @@ import numpy as np
 
 from gtsam_nav.errors import EstimationError
 from gtsam_nav.frames import Array
+from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.problem import RECEIVER_STRIDE, Problem
 from gtsam_nav.graph.sensor_posterior import tangent_width
@@ -65,14 +66,21 @@ def check_anchored(problem: Problem) -> None:
 
 
 def _first_linearisation(problem: Problem) -> tuple[Any, Any]:
-    """All factors at the first values of all states."""
+    """All factors at the first values of all states.
+
+    Inertial readings, not integrated yet, tell only of differences: they are mere links here.
+    """
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    nothing = factors.precisions(np.zeros(9))
     for k in range(len(problem.t)):
         values.insert(X(k), problem.initial_state(k))
         for key, first in problem.variables[k]:
             values.insert(key, first(values.atNavState))
         for entry in problem.factors[k]:
             graph.push_back(entry.gaussian)
+        if problem.steps[k] is not None:
+            link = gtsam.BetweenFactorNavState(X(k - 1), X(k), gtsam.NavState(), nothing)
+            graph.push_back(link)
         for reading in problem.readings[k]:
             graph.push_back(reading.make(values.atNavState))
     return graph, values
@@ -143,12 +151,7 @@ def _state(problem: Problem, key: int) -> str:
 
 def _sensors_of(problem: Problem, key: int) -> list[str]:
     """Sensors with a factor on a state, or a reading at its keyframe, in order of the graph."""
-    sensors = [
-        entry.sensor
-        for brought in problem.factors
-        for entry in brought
-        if key in entry.gaussian.keys()  # noqa: SIM118
-    ]
+    sensors = [e.sensor for e in problem.entries if key in e.gaussian.keys()]  # noqa: SIM118
     if _kind(key) == "x":
         sensors += [reading.sensor for reading in problem.readings[_index(key)]]
     return list(dict.fromkeys(sensors))

@@ -12,6 +12,8 @@ from numpy.linalg import norm
 
 from gtsam_nav.frames import Array, Origin, rotation_from_rpy
 from gtsam_nav.graph import factors
+from gtsam_nav.graph.factors import B, X
+from gtsam_nav.graph.preintegration import InertialStep
 from gtsam_nav.graph.robust import GatedRobustness, Robustness
 from gtsam_nav.graph.scan_matching import PlanarPose
 from gtsam_nav.mission import Rejection
@@ -50,7 +52,8 @@ class SensorFactor:
     @property
     def at_first(self) -> Any:
         """The factor under the kernel that it has while the solution is still far."""
-        return factors.robust(self.gaussian, self.robustness.at_first)
+        first = self.robustness.at_first
+        return self.factor if first is self.robustness else factors.robust(self.gaussian, first)
 
     def weight_at(self, values: Any) -> float:
         """What the kernel leaves of the factor's information."""
@@ -141,20 +144,6 @@ class TimingEffect:
     effect: Array
 
 
-@dataclass(frozen=True)
-class InertialStep:
-    """Preintegrated readings into a keyframe, the parameters that hold their gravity, and the
-    readings themselves, shapes (n, 3), (n, 3), with the n times that they last; ``walking`` are the
-    parameters of biases that walk meanwhile, if they do."""
-
-    pim: Any
-    parameters: Any
-    accel: Array
-    gyro: Array
-    dt: Array
-    walking: Any = None
-
-
 @dataclass
 class Problem:
     """Factors and initial values of each keyframe.
@@ -175,7 +164,8 @@ class Problem:
     planar : bool
         Whether the vehicle stays upright and at its start's depth because nothing tells otherwise.
     factors : list of lists
-        ``factors[k]`` are those that keyframe k brings; they refer to no later keyframe.
+        ``factors[k]`` are those that keyframe k brings, but for its inertial step's; they refer to
+        no later keyframe.
     readings : list of lists
         The same of the readings.
     variables : list of lists
@@ -183,7 +173,7 @@ class Problem:
     hints : list
         Factors on the first keyframe for the causal pass alone.
     steps : list
-        Preintegrated readings into each keyframe; None where there are none.
+        Inertial readings into each keyframe; None where there are none.
     origin : Origin or None
         Of the navigation frame.
     bias : gtsam.imuBias.ConstantBias or None
@@ -253,7 +243,12 @@ class Problem:
     @property
     def entries(self) -> list[SensorFactor]:
         """All factors in the order of their keyframes."""
-        return [entry for brought in self.factors for entry in brought]
+        return [entry for k in range(len(self.t)) for entry in self.brought(k)]
+
+    def brought(self, k: int) -> list[SensorFactor]:
+        """The factors that keyframe k brings, its inertial readings preintegrated."""
+        step = self.steps[k]
+        return self.factors[k] + ([] if step is None else [SensorFactor("imu", step.factor)])
 
     def first_rows(self) -> dict[int, int]:
         """Row at which each factor begins, by its identity, `entries` being stacked in order."""
@@ -295,11 +290,32 @@ class Problem:
         """Indices of the keyframes nearest to given times."""
         return np.searchsorted(0.5 * (self.t[1:] + self.t[:-1]), t, side="right")
 
+    def integrate_at(self, k: int, bias: Any) -> None:
+        """Have the readings into keyframe k integrated at a bias, or near enough to it."""
+        step = self.steps[k]
+        if step is not None:
+            self.steps[k] = step.at(bias)
+
+    def integrate_all_at(self, values: Any) -> None:
+        """The same of all keyframes at the biases of an estimate."""
+        if self.uses_imu:
+            for k in range(1, len(self.t)):
+                self.integrate_at(k, values.atConstantBias(B(k - 1)))
+
     def set_gravity(self, k: int, before: Any) -> None:
         """Let the readings into keyframe k feel the gravity of where the one before it is."""
         step = self.steps[k]
         if step is not None:
             step.parameters.n_gravity = gravity_at(before.position(), self.origin)
+
+    def set_all_gravity(self, values: Any) -> None:
+        """The same of all keyframes where they are in an estimate."""
+        steps = [step for step in self.steps if step is not None]
+        if not steps:
+            return
+        p_n = np.array([values.atNavState(X(step.k - 1)).position() for step in steps])
+        for step, gravity_n in zip(steps, gravity_at(p_n, self.origin), strict=True):
+            step.parameters.n_gravity = gravity_n
 
     def initial_state(self, k: int) -> Any:
         """Keyframe k as the vehicle's own motion has it."""

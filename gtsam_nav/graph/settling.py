@@ -25,7 +25,6 @@ from gtsam_nav.frames import Array
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.backend import solve_batch
 from gtsam_nav.graph.block_covariances import joint_covariances
-from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.problem import Problem, Reading, SensorFactor
 from gtsam_nav.graph.robust import CUTTING, Robustness
 from gtsam_nav.mission import Rejection
@@ -258,8 +257,7 @@ class _Batch:
     def _solved_once(
         self, estimate: _Estimate, used: BoolArray, doubted: Robustness | None = None
     ) -> _Estimate:
-        for k in range(1, len(self.problem.t)):
-            self.problem.set_gravity(k, estimate.values.atNavState(X(k - 1)))
+        self.problem.set_all_gravity(estimate.values)
         whole = gtsam.NonlinearFactorGraph(self.graph)
         whole.push_back(self.factors(estimate, used, doubted))
         return self.at(solve_batch(whole, estimate.values, self.problem.is_stiff))

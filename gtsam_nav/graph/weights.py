@@ -90,7 +90,7 @@ def _of_entries(
 ) -> Iterator[Weighed]:
     timed = [
         (float(problem.t[k]), k, entry)
-        for k, brought in enumerate(problem.factors)
+        for k, brought in enumerate(problem.factors)  # the IMU's have no kernel
         for entry in brought
     ]
     timed += [(t, -1, entry) for t, entry in matches]  # these have an index
