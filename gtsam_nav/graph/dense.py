@@ -194,8 +194,10 @@ def _predicted(step: InertialStep, before: Any, bias: Any, elapsed: Array) -> li
     wanted = np.isin(edges, elapsed)
     pim = gtsam.PreintegratedImuMeasurements(step.parameters, bias)
     states = [before] * int(np.sum(elapsed <= 0))
-    for k, dt, is_wanted in zip(row, np.diff(edges, prepend=0.0), wanted, strict=True):
-        pim.integrateMeasurement(step.accel[k], step.gyro[k], dt)
+    lasting = np.diff(edges, prepend=0.0).tolist()
+    readings = zip(list(step.accel[row]), list(step.gyro[row]), lasting, strict=True)
+    for (f, omega, dt), is_wanted in zip(readings, wanted.tolist(), strict=True):
+        pim.integrateMeasurement(f, omega, dt)
         if is_wanted:
             states.append(pim.predict(before, bias))
     return states

@@ -85,6 +85,14 @@ def nav_state(R_nb: Array, p_n: Array, v_n: Array) -> Any:
     return gtsam.NavState(gtsam.Rot3(R_nb), p_n, v_n)
 
 
+_UPRIGHT, _STILL = gtsam.Rot3(), np.zeros(3)
+
+
+def displaced(p_n: Array) -> Any:
+    """A NavState that is nothing but a place."""
+    return gtsam.NavState(_UPRIGHT, p_n, _STILL)
+
+
 def start_prior(
     key: int, state: Any, R_nb: Array, sigma_rpy: Array, sigma_p: Array, sigma_v: float
 ) -> Any:
@@ -161,8 +169,7 @@ def gnss_with_error(error: int, key: int, p_n: Array, noise: Any) -> Any:
 
     The noise is `position_noise`: fixes are made anew many times.
     """
-    measured = gtsam.NavState(gtsam.Rot3(), p_n, np.zeros(3))
-    return gtsam.BetweenFactorNavState(error, key, measured, noise)
+    return gtsam.BetweenFactorNavState(error, key, displaced(p_n), noise)
 
 
 def gnss_velocity(key: int, v_n: Array, turning_b: Array, R_nb: Array, sigma: Array) -> Any:

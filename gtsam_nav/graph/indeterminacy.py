@@ -14,7 +14,7 @@ from gtsam_nav.errors import EstimationError
 from gtsam_nav.frames import Array
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import X
-from gtsam_nav.graph.problem import RECEIVER_STRIDE, Problem
+from gtsam_nav.graph.problem import RECEIVER_STRIDE, Problem, made
 from gtsam_nav.graph.sensor_posterior import tangent_width
 from gtsam_nav.series import IntArray
 
@@ -77,12 +77,13 @@ def _first_linearisation(problem: Problem) -> tuple[Any, Any]:
         for key, first in problem.variables[k]:
             values.insert(key, first(values.atNavState))
         for entry in problem.factors[k]:
-            graph.push_back(entry.gaussian)
+            graph.add(entry.gaussian)
         if problem.steps[k] is not None:
             link = gtsam.BetweenFactorNavState(X(k - 1), X(k), gtsam.NavState(), nothing)
-            graph.push_back(link)
-        for reading in problem.readings[k]:
-            graph.push_back(reading.make(values.atNavState))
+            graph.add(link)
+    readings = [reading for brought in problem.readings for reading in brought]
+    for factor in made(readings, values.atNavState):
+        graph.add(factor)
     return graph, values
 
 

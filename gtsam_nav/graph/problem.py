@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -28,6 +28,10 @@ RECEIVER_STRIDE = 10**7
 StateAt = Callable[[int], Any]
 """Gives the present value of a NavState variable."""
 
+
+Maker = Callable[[Sequence[int], StateAt], list[Any]]
+"""Makes the native factors of some of a sensor's readings, by their rows, at the present states:
+many cost little more than one."""
 
 NO_KERNEL = Robustness(kernel="none")
 
@@ -68,8 +72,10 @@ class Reading:
     ----------
     t, sensor, index : float, str, int
         As in `Rejection`.
-    make : callable
-        From the present states to a native factor with Gaussian noise.
+    maker : callable
+        Makes its native factor, with Gaussian noise, among those of its like.
+    row : int
+        Which of the maker's it is.
     robustness : GatedRobustness
         When it is an outlier, and the kernel that it keeps in the final solution where it is none.
     reason : str
@@ -79,7 +85,8 @@ class Reading:
     t: float
     sensor: str
     index: int
-    make: Callable[[StateAt], Any]
+    maker: Maker
+    row: int
     robustness: GatedRobustness
     reason: str
 
@@ -91,6 +98,24 @@ class Reading:
     def rejection(self, normalised_residual: float) -> Rejection:
         """The record of an outlier."""
         return Rejection(self.t, self.sensor, self.index, self.reason, normalised_residual)
+
+
+def as_given(given: Sequence[Any]) -> Maker:
+    """Of factors that are the same at every estimate."""
+    return lambda rows, _: [given[row] for row in rows]
+
+
+def made(readings: Sequence[Reading], state_at: StateAt) -> list[Any]:
+    """The factors of readings at the present states, all of a kind together."""
+    alike: dict[int, list[int]] = {}
+    for i, reading in enumerate(readings):
+        alike.setdefault(id(reading.maker), []).append(i)
+    found: list[Any] = [None] * len(readings)
+    for members in alike.values():
+        rows = [readings[i].row for i in members]
+        for i, factor in zip(members, readings[members[0]].maker(rows, state_at), strict=True):
+            found[i] = factor
+    return found
 
 
 @dataclass(frozen=True)
@@ -229,6 +254,8 @@ class Problem:
         self.readings = [[] for _ in self.t]
         self.variables = [[] for _ in self.t]
         self.steps = [None for _ in self.t]
+        self._given: list[Any] = []
+        self._give = as_given(self._given)
         self.p_n, self.rpy = self.motion.at(self.t)
         self.R_nb = rotation_from_rpy(self.rpy)
         columns = [np.interp(self.t, self.motion.t, axis) for axis in self.motion.v_b.T]
@@ -250,13 +277,14 @@ class Problem:
         step = self.steps[k]
         return self.factors[k] + ([] if step is None else [SensorFactor("imu", step.factor)])
 
-    def first_rows(self) -> dict[int, int]:
-        """Row at which each factor begins, by its identity, `entries` being stacked in order."""
+    def first_rows(self) -> tuple[dict[int, int], int]:
+        """Row at which each factor begins, by its identity, `entries` being stacked in order; and
+        how many there are."""
         rows, row = {}, 0
         for entry in self.entries:
             rows[id(entry.factor)] = row
             row += entry.gaussian.dim()
-        return rows
+        return rows, row
 
     def add(
         self,
@@ -278,13 +306,17 @@ class Problem:
         if robustness.gate_probability is None:
             self.add(k, sensor, factor, robustness, index)
             return
-        t, reason = float(self.t[k]), f"{sensor} outlier"
-        reading = Reading(t, sensor, index, lambda _: factor, robustness, reason)
-        self.readings[k].append(reading)
+        t, reason, row = float(self.t[k]), f"{sensor} outlier", len(self._given)
+        self._given.append(factor)
+        self.readings[k].append(Reading(t, sensor, index, self._give, row, robustness, reason))
 
     def add_variable(self, k: int, key: int, value: Any) -> None:
         """Let keyframe k bring one more state, of a given first value."""
         self.variables[k].append((key, lambda _: value))
+
+    def compass_at(self, k: int) -> int | None:
+        """Key of the compass frame of keyframe k, if there is one."""
+        return self.compass[k] if self.compass else None
 
     def keyframe_nearest(self, t: Array) -> IntArray:
         """Indices of the keyframes nearest to given times."""

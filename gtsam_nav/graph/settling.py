@@ -25,7 +25,7 @@ from gtsam_nav.frames import Array
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.backend import solve_batch
 from gtsam_nav.graph.block_covariances import joint_covariances
-from gtsam_nav.graph.problem import Problem, Reading, SensorFactor
+from gtsam_nav.graph.problem import Problem, Reading, SensorFactor, made
 from gtsam_nav.graph.robust import CUTTING, Robustness
 from gtsam_nav.mission import Rejection
 from gtsam_nav.sensors.prediction import chi2_limit
@@ -165,7 +165,7 @@ class _Batch:
         self.graph = gtsam.NonlinearFactorGraph()
         for entry in entries:
             start = entry.gaussian if entry.sensor in TRUSTED else entry.at_first
-            self.graph.push_back(start if at_first else entry.factor)
+            self.graph.add(start if at_first else entry.factor)
         self.readings = [reading for brought in problem.readings for reading in brought]
         self.gated = np.array([reading.is_gated for reading in self.readings], dtype=bool)
         cuts = np.array([r.robustness.kernel in CUTTING for r in self.readings], dtype=bool)
@@ -176,8 +176,7 @@ class _Batch:
 
     def at(self, values: Any) -> _Estimate:
         """The readings made anew at given values."""
-        made = [reading.make(values.atNavState) for reading in self.readings]
-        return _Estimate(values, made)
+        return _Estimate(values, made(self.readings, values.atNavState))
 
     def factors(
         self, estimate: _Estimate, used: BoolArray, doubted: Robustness | None = None
@@ -185,7 +184,7 @@ class _Batch:
         """Factors of used readings under their own kernels, or the doubted ones under another."""
         graph = gtsam.NonlinearFactorGraph()
         for i in np.flatnonzero(used).tolist():
-            graph.push_back(factors.robust(estimate.made[i], self._robustness(i, doubted)))
+            graph.add(factors.robust(estimate.made[i], self._robustness(i, doubted)))
         return graph
 
     def weights(

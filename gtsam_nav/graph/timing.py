@@ -121,11 +121,12 @@ def timing_effect(
         Where the graph is linearised.
     """
     course = _Course.of(problem, values)
-    effect = [
-        course.slopes(factor, t, values)
-        @ np.array([error.shares(problem, sensor, reason) for error in errors]).T
-        for sensor, reason, t, factor in _measurements(problem, used)
-    ]
+    effect = []
+    for sensor, reason, t, factor in _measurements(problem, used):
+        shares = np.array([error.shares(problem, sensor, reason) for error in errors]).T
+        moves = np.any(shares)
+        slopes = course.slopes(factor, t, values) if moves else np.zeros((factor.dim(), 2))
+        effect.append(slopes @ shares)
     return TimingEffect(
         names=tuple(error.name for error in errors),
         sigma_s=np.array([error.sigma_s for error in errors]),

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gtsam_nav.graph import factors
-from gtsam_nav.graph.problem import Problem, Reading, SensorFactor
+from gtsam_nav.graph.problem import Problem, Reading, SensorFactor, made
 from gtsam_nav.mission import Rejection
 from gtsam_nav.solution import RobustWeights
 
@@ -66,8 +66,9 @@ def weighed(
     """
     believed = {id(reading) for reading in used}
     rows = list(_of_entries(problem, matches, values))
-    for reading in (reading for brought in problem.readings for reading in brought):
-        e, kernel = _norm(reading.make(values.atNavState), values), reading.robustness.kernel
+    readings = [reading for brought in problem.readings for reading in brought]
+    for reading, factor in zip(readings, made(readings, values.atNavState), strict=True):
+        e, kernel = _norm(factor, values), reading.robustness.kernel
         is_used = id(reading) in believed
         rows.append(
             Weighed(
