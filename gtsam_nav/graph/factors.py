@@ -7,6 +7,7 @@ copy of all values at each evaluation, which makes the solve quadratic in the mi
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import cache
 from typing import Any
@@ -86,6 +87,7 @@ def nav_state(R_nb: Array, p_n: Array, v_n: Array) -> Any:
 
 
 _UPRIGHT, _STILL = gtsam.Rot3(), np.zeros(3)
+_DOWN = gtsam.Unit3(np.array([0.0, 0.0, 1.0]))
 
 
 def displaced(p_n: Array) -> Any:
@@ -106,8 +108,9 @@ def start_prior(
 
 def velocity(key: int, v_b: Array, sigma: Any) -> Any:
     """Body velocity: ``R_nb' v_n - v_b``; an infinite sigma is unobserved."""
-    noise = precisions([*[0] * 6, *(np.ones(3) / np.square(sigma))])
-    measured = np.r_[np.zeros(6), v_b]
+    information, measured = np.zeros(9), np.zeros(9)
+    information[6:], measured[6:] = 1.0 / np.square(sigma), v_b
+    noise = precisions(information)
     return gtsam.ExtendedPriorFactorNavState(key, gtsam.NavState(), measured, noise)
 
 
@@ -273,10 +276,12 @@ def landmark_prior(key: int, p_n: Array, sigma: Array) -> Any:
 
 def tilt(key: int, rpy: Array, sigma: float) -> Any:
     """Roll and pitch as the direction of down in body axes; yaw stays free."""
-    down = gtsam.Unit3(np.array([0.0, 0.0, 1.0]))
-    measured = gtsam.Unit3(rotation_from_rpy(rpy)[2])
+    roll, pitch = float(rpy[0]), float(rpy[1])
+    level = math.cos(pitch)
+    down_b = (-math.sin(pitch), math.sin(roll) * level, math.cos(roll) * level)
+    measured = gtsam.Unit3(np.array(down_b))
     noise = gtsam.noiseModel.Isotropic.Sigma(2, sigma)
-    return gtsam.AttitudeFactorNavState(key, down, noise, measured)
+    return gtsam.AttitudeFactorNavState(key, _DOWN, noise, measured)
 
 
 def compass_prior(key: int, sigma: float) -> Any:

@@ -260,6 +260,7 @@ class Problem:
         self.R_nb = rotation_from_rpy(self.rpy)
         columns = [np.interp(self.t, self.motion.t, axis) for axis in self.motion.v_b.T]
         self.v_b = np.stack(columns, axis=1)
+        self.sigma_v = np.interp(self.t, self.motion.t, self.motion.sigma_v)
 
     @property
     def is_stiff(self) -> bool:
@@ -270,7 +271,10 @@ class Problem:
     @property
     def entries(self) -> list[SensorFactor]:
         """All factors in the order of their keyframes."""
-        return [entry for k in range(len(self.t)) for entry in self.brought(k)]
+        every: list[SensorFactor] = []
+        for k in range(len(self.t)):
+            every += self.brought(k)
+        return every
 
     def brought(self, k: int) -> list[SensorFactor]:
         """The factors that keyframe k brings, its inertial readings preintegrated."""

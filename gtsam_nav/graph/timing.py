@@ -12,7 +12,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-import gtsam
 import numpy as np
 
 from gtsam_nav.frames import Array
@@ -20,7 +19,7 @@ from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.measurements import constraints
 from gtsam_nav.graph.measurements.gnss import VELOCITY_OUTLIER
 from gtsam_nav.graph.problem import Problem, Reading, TimingEffect
-from gtsam_nav.graph.sensor_posterior import tangent_width
+from gtsam_nav.graph.sensor_posterior import SYMBOL_BITS, keyframe_of, tangent_width
 from gtsam_nav.mission import Mission
 from gtsam_nav.sensors.noise import GnssNoise
 from gtsam_nav.sonar.preparation import scans_at_once
@@ -180,8 +179,8 @@ class _Course:
         slopes, first = np.zeros((len(b), 2)), 0
         for key in list(linear.keys()):
             width = tangent_width(key)
-            if chr(gtsam.Symbol(key).chr()) == "x":
-                slopes += A[:, first : first + width] @ self._rates(gtsam.Symbol(key).index(), t)
+            if chr(key >> SYMBOL_BITS) == "x":
+                slopes += A[:, first : first + width] @ self._rates(keyframe_of(key), t)
             first += width
         return slopes
 
@@ -193,9 +192,10 @@ class _Course:
         R_bn = self.R_nb[k].T
         omega_b, v_n, a_n = self.omega_b[k], self.v_n[k], self.a_n[k]
         if t is not None:
+            a = min(max(int(np.searchsorted(self.t, t)) - 1, 0), len(self.t) - 2)
+            f = min(max((t - self.t[a]) / (self.t[a + 1] - self.t[a]), 0.0), 1.0)
             omega_b, v_n, a_n = (
-                np.array([np.interp(t, self.t, axis) for axis in of.T])
-                for of in (self.omega_b, self.v_n, self.a_n)
+                (1.0 - f) * of[a] + f * of[a + 1] for of in (self.omega_b, self.v_n, self.a_n)
             )
         down_b = R_bn[:, 2]
         level2 = float(down_b[1:] @ down_b[1:])

@@ -178,12 +178,12 @@ def _polar(p_s: Array) -> tuple[Array, Array]:
     x, y, z = p_s.T
     level = np.hypot(x, y)
     distance = np.hypot(level, z)
-    values = np.column_stack([distance, np.arctan2(y, x), np.arctan2(-z, level)])
+    values = np.stack([distance, np.arctan2(y, x), np.arctan2(-z, level)], axis=1)
+    far = np.where(distance > NO_DIRECTION_M, distance, np.inf)
+    aside = np.where(level > NO_DIRECTION_M, level, np.inf)
     jacobian = np.zeros((len(p_s), 3, 3))
-    seen, directed = distance > NO_DIRECTION_M, level > NO_DIRECTION_M
-    jacobian[seen, 0] = p_s[seen] / distance[seen, None]
-    x, y, z, level, distance = (of[directed] for of in (x, y, z, level, distance))
-    jacobian[directed, 1, :2] = np.column_stack([-y, x]) / level[:, None] ** 2
-    by_elevation = np.column_stack([x * z / level, y * z / level, -level])
-    jacobian[directed, 2] = by_elevation / distance[:, None] ** 2
+    jacobian[:, 0] = p_s / far[:, None]
+    jacobian[:, 1, 0], jacobian[:, 1, 1] = -y / aside**2, x / aside**2
+    jacobian[:, 2, 0], jacobian[:, 2, 1] = x * z / (aside * far**2), y * z / (aside * far**2)
+    jacobian[:, 2, 2] = -np.where(np.isfinite(aside), level, 0.0) / far**2
     return values, jacobian
