@@ -47,11 +47,9 @@ def check_anchored(problem: Problem) -> None:
         keyframes = [_index(keys[n]) for n in members if _kind(keys[n]) == "x"]
         if not keyframes:
             continue
-        places = np.array([values.atNavState(keys[n]).position() for n in members])
         gauge = np.zeros((int(first[-1]), 4))
-        for n in members:
-            own = _rigid_motion(values.atNavState(keys[n]), places.mean(axis=0))
-            gauge[first[n] : first[n] + 9] = own
+        rows = first[members][:, None] + np.arange(9)
+        gauge[rows] = _rigid_motion([values.atNavState(keys[n]) for n in members])
         inside = j <= first[-1]  # the last column is the residual
         moved = np.zeros((int(i.max()), 4))
         columns = j[inside].astype(np.int64) - 1
@@ -103,15 +101,18 @@ def _connected(graph: Any, keys: list[int]) -> IntArray:
     return np.asarray(part, dtype=np.int64)
 
 
-def _rigid_motion(state: Any, centre: Array) -> Array:
-    """Tangent of a state, (9, 4), as all move north, east and down, and turn about a centre."""
-    to_b = state.attitude().matrix().T
-    down = np.array([0.0, 0.0, 1.0])
-    motion = np.zeros((9, 4))
-    motion[3:6, :3] = to_b
-    motion[:3, 3] = to_b @ down
-    motion[3:6, 3] = to_b @ np.cross(down, state.position() - centre)
-    motion[6:, 3] = to_b @ np.cross(down, state.velocity())
+def _rigid_motion(states: list[Any]) -> Array:
+    """Tangents of m states, (m, 9, 4), as all move north, east and down, and turn about their
+    middle."""
+    R_nb = np.array([state.attitude().matrix() for state in states])
+    p_n = np.array([state.position() for state in states])
+    v_n = np.array([state.velocity() for state in states])
+    turned = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # down x
+    motion = np.zeros((len(states), 9, 4))
+    motion[:, 3:6, :3] = np.swapaxes(R_nb, 1, 2)
+    motion[:, :3, 3] = R_nb[:, 2]
+    motion[:, 3:6, 3] = np.einsum("kji,kj->ki", R_nb, (p_n - p_n.mean(axis=0)) @ turned.T)
+    motion[:, 6:, 3] = np.einsum("kji,kj->ki", R_nb, v_n @ turned.T)
     return motion
 
 

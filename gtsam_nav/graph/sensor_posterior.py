@@ -7,6 +7,7 @@ are marginalised out of it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import gtsam
@@ -130,7 +131,7 @@ def whitened_jacobian(graph: Any, values: Any) -> tuple[dict[int, slice], Any, A
     """
     from scipy.sparse import coo_array
 
-    columns, place = _columns(values)
+    columns, place = _columns(tuple(sorted(values.keys())))
     i, j, s = graph.linearize(values).sparseJacobian_()
     row, column = i.astype(np.int64) - 1, place[j.astype(np.int64) - 1]
     b = np.zeros(int(row.max()) + 1)
@@ -290,13 +291,14 @@ def tangent_width(key: int) -> int:
     return _tangent(key)[0]
 
 
-def _columns(values: Any) -> tuple[dict[int, slice], IntArray]:
+@lru_cache(maxsize=2)  # the same variables are linearised several times
+def _columns(keys: tuple[int, ...]) -> tuple[dict[int, slice], IntArray]:
     """Columns of each variable's free part, and which of them each of GTSAM's own is, if any.
 
     GTSAM has the keys in their order, and the right-hand side behind them.
     """
     columns, pieces, end = {}, [], 0
-    for key in sorted(values.keys()):
+    for key in keys:
         width, free = _tangent(key)
         begin, end = end, end + free.stop - free.start
         columns[key] = slice(begin, end)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -99,13 +100,15 @@ def _of_entries(
         kernel = entry.robustness.kernel
         if kernel == "none" and entry.index is None:
             continue
-        e, weight = _norm(entry.gaussian, values), entry.weight_at(values)
+        e = _norm(entry.gaussian, values)
+        weight = factors.weight(entry.robustness, e)
         index = k if entry.index is None else entry.index
         yield Weighed(entry.sensor, "", index, kernel, kernel != "none", True, t, e, weight)
 
 
 def _norm(factor: Any, values: Any) -> float:
-    return float(np.linalg.norm(factor.whitenedError(values)))
+    e = factor.whitenedError(values)
+    return math.sqrt(e @ e)
 
 
 def robust_weights(rows: Sequence[Weighed]) -> dict[str, RobustWeights]:
