@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -129,6 +129,8 @@ class _Estimate:
 
     values: Any
     made: list[Any]
+    under_kernels: dict[int, Any] = field(default_factory=dict)
+    """Some of them under the readings' own kernels, once that was asked for."""
 
     @cached_property
     def _residuals(self) -> list[Array]:
@@ -171,7 +173,9 @@ class _Batch:
         cuts = np.array([r.robustness.kernel in CUTTING for r in self.readings], dtype=bool)
         self.doubted = self.gated | cuts
         self.cuts = bool(np.any(cuts)) or any(e.robustness.kernel in CUTTING for e in entries)
-        self._limits: Array | None = None
+        # a limit is known once somebody asks how many rows a reading tells; no less than of one
+        self._least = np.array([self._limit(i, 1) for i in range(len(self.readings))])
+        self._limits = np.where(self.gated, np.nan, np.inf)
         self.weighs = np.array([r.robustness.kernel != "none" for r in self.readings], dtype=bool)
 
     def at(self, values: Any) -> _Estimate:
@@ -183,8 +187,11 @@ class _Batch:
     ) -> Any:
         """Factors of used readings under their own kernels, or the doubted ones under another."""
         graph = gtsam.NonlinearFactorGraph()
+        known = estimate.under_kernels if doubted is None else {}
         for i in np.flatnonzero(used).tolist():
-            graph.add(factors.robust(estimate.made[i], self._robustness(i, doubted)))
+            if i not in known:
+                known[i] = factors.robust(estimate.made[i], self._robustness(i, doubted))
+            graph.add(known[i])
         return graph
 
     def weights(
@@ -283,14 +290,18 @@ class _Batch:
         return squared
 
     def limits(self, estimate: _Estimate) -> Array:
-        """Of the squared normalised residual of each gated reading; infinite for others."""
-        if self._limits is None:
-            self._limits = np.full(len(self.readings), np.inf)
-            for i in np.flatnonzero(self.gated).tolist():
-                probability = self.readings[i].robustness.gate_probability
-                assert probability is not None
-                self._limits[i] = chi2_limit(probability, len(_rows(estimate, i).b))
-        return self._limits
+        """Of the squared normalised residual of each gated reading; infinite for others.
+
+        Of one that is clearly below, no more than what is a limit at least.
+        """
+        near = np.isnan(self._limits) & (estimate.squared > CLEAR_SHARE * self._least)
+        for i in np.flatnonzero(near).tolist():
+            self._limits[i] = self._limit(i, len(_rows(estimate, i).b))
+        return np.where(np.isnan(self._limits), self._least, self._limits)
+
+    def _limit(self, i: int, rows: int) -> float:
+        probability = self.readings[i].robustness.gate_probability
+        return np.inf if probability is None else chi2_limit(probability, rows)
 
 
 def _rows(estimate: _Estimate, i: int) -> _Rows:
