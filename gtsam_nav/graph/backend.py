@@ -13,7 +13,8 @@ from gtsam_nav.errors import EstimationError
 from gtsam_nav.frames import Array
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import B, X
-from gtsam_nav.graph.problem import Problem, Reading, SensorFactor, made
+from gtsam_nav.graph.problem import Problem, SensorFactor
+from gtsam_nav.graph.readings import Reading, made
 from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.graph.scan_matching import PlanarPose
 

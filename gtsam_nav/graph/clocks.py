@@ -23,7 +23,8 @@ from gtsam_nav.graph import factors
 from gtsam_nav.graph.backend import graph_of, solve_batch
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.measurements import build_problem
-from gtsam_nav.graph.problem import Problem, Reading, made
+from gtsam_nav.graph.problem import Problem
+from gtsam_nav.graph.readings import Reading, made
 from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.graph.sensor_posterior import sensor_posterior
 from gtsam_nav.graph.settling import NARROWING, START

@@ -14,7 +14,8 @@ from gtsam_nav.errors import EstimationError
 from gtsam_nav.frames import Array
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import X
-from gtsam_nav.graph.problem import RECEIVER_STRIDE, Problem, made
+from gtsam_nav.graph.problem import RECEIVER_STRIDE, Problem
+from gtsam_nav.graph.readings import made
 from gtsam_nav.graph.sensor_posterior import tangent_width
 from gtsam_nav.series import IntArray
 

@@ -25,7 +25,8 @@ from gtsam_nav.frames import Array
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.backend import solve_batch
 from gtsam_nav.graph.block_covariances import joint_covariances
-from gtsam_nav.graph.problem import Problem, Reading, SensorFactor, made
+from gtsam_nav.graph.problem import Problem, SensorFactor
+from gtsam_nav.graph.readings import Reading, made
 from gtsam_nav.graph.robust import CUTTING, Robustness
 from gtsam_nav.mission import Rejection
 from gtsam_nav.sensors.prediction import chi2_limit

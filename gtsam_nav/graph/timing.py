@@ -18,7 +18,8 @@ from gtsam_nav.frames import Array
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.measurements import constraints
 from gtsam_nav.graph.measurements.gnss import VELOCITY_OUTLIER
-from gtsam_nav.graph.problem import Problem, Reading, TimingEffect
+from gtsam_nav.graph.problem import Problem, TimingEffect
+from gtsam_nav.graph.readings import Reading
 from gtsam_nav.graph.sensor_posterior import SYMBOL_BITS, keyframe_of, tangent_width
 from gtsam_nav.mission import Mission
 from gtsam_nav.sensors.noise import GnssNoise

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from gtsam_nav.graph import factors
-from gtsam_nav.graph.problem import Problem, Reading, SensorFactor, made
+from gtsam_nav.graph.problem import Problem, SensorFactor
+from gtsam_nav.graph.readings import Reading, made
 from gtsam_nav.mission import Rejection
 from gtsam_nav.solution import RobustWeights
 

@@ -19,7 +19,8 @@ from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.measurements import build_problem
 from gtsam_nav.graph.measurements.gnss import error_key
 from gtsam_nav.graph.outset import mission_keyframes, start_and_motion
-from gtsam_nav.graph.problem import Problem, made
+from gtsam_nav.graph.problem import Problem
+from gtsam_nav.graph.readings import made
 
 
 @pytest.fixture(scope="module")

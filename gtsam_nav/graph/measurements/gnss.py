@@ -13,7 +13,8 @@ from gtsam_nav.frames import Array, rotation_from_rpy
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import G, X
 from gtsam_nav.graph.gauss_markov import gauss_markov
-from gtsam_nav.graph.problem import RECEIVER_STRIDE, Maker, Problem, Reading, StateAt, as_given
+from gtsam_nav.graph.problem import RECEIVER_STRIDE, Problem
+from gtsam_nav.graph.readings import Maker, Reading, StateAt, as_given
 from gtsam_nav.graph.robust import GatedRobustness
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.sensors.noise import GnssNoise

@@ -18,7 +18,8 @@ from gtsam_nav.frames import Array, rotation_from_rpy
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import L, S, X
 from gtsam_nav.graph.measurements.sightings import Seen, SightingFactors
-from gtsam_nav.graph.problem import Problem, Reading, StateAt
+from gtsam_nav.graph.problem import Problem
+from gtsam_nav.graph.readings import Reading, StateAt
 from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.preprocess.landmark_placing import Views, place_by_views
 from gtsam_nav.sensors.landmarks import place, sighting, trusted_ids, variance_factors

@@ -13,7 +13,8 @@ from gtsam_nav.frames import Array, rotation_from_rpy, wrap_angle
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import M, X
 from gtsam_nav.graph.gauss_markov import gauss_markov
-from gtsam_nav.graph.problem import Problem, Reading, StateAt
+from gtsam_nav.graph.problem import Problem
+from gtsam_nav.graph.readings import Reading, StateAt
 from gtsam_nav.mission import Mission
 from gtsam_nav.sensors.noise import HeadingNoise
 from gtsam_nav.sensors.orientation import headings_true, tilt_at

@@ -15,7 +15,7 @@ import numpy as np
 from gtsam_nav.frames import Array, skew
 from gtsam_nav.graph import sighting_factors
 from gtsam_nav.graph.factors import X
-from gtsam_nav.graph.problem import StateAt
+from gtsam_nav.graph.readings import StateAt
 from gtsam_nav.graph.sighting_factors import SightingSlopes
 from gtsam_nav.mission import Sensor
 from gtsam_nav.sensors.landmarks import NO_DIRECTION_M, Sighting
