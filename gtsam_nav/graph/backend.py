@@ -77,10 +77,10 @@ class Backend:
             self.problem.set_gravity(k, self._last_state)
             self.problem.integrate_at(k, self._last_bias)
             state = self.problem.predicted(k, self._last_state, self._last_bias)
-        self._new_values.insert(X(k), state)
+        factors.insert(self._new_values, X(k), state)
         self._last_state = state
         for key, first in self.problem.variables[k]:
-            self._new_values.insert(key, first(self._state_at))
+            factors.insert(self._new_values, key, first(self._state_at))
         for entry in self.problem.brought(k):
             self.add_factor(entry)
         self._new_readings += self.problem.readings[k]

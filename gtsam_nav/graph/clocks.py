@@ -153,7 +153,7 @@ def _start(problem: Problem, before: Any) -> Any:
         if before is not None and before.exists(key):
             kind = "ConstantBias" if chr(gtsam.Symbol(key).chr()) == "b" else "NavState"
             first = getattr(before, f"at{kind}")(key)
-        values.insert(key, first)
+        factors.insert(values, key, first)
 
     for k in range(len(problem.t)):
         keep(X(k), problem.initial_state(k))

@@ -95,6 +95,17 @@ def displaced(p_n: Array) -> Any:
     return gtsam.NavState(_UPRIGHT, p_n, _STILL)
 
 
+def insert(values: Any, key: int, state: Any) -> None:
+    """A NavState or IMU bias into GTSAM's values.
+
+    By the argument's name: without it, all 43 kinds of values before these are tried in turn.
+    """
+    if isinstance(state, gtsam.NavState):
+        values.insert(key, nav_state=state)
+    else:
+        values.insert(key, constant_bias=state)
+
+
 def start_prior(
     key: int, state: Any, R_nb: Array, sigma_rpy: Array, sigma_p: Array, sigma_v: float
 ) -> Any:
@@ -243,7 +254,7 @@ class LinearFactor(gtsam.LinearContainerFactor):
         self._parts, self._residual = (keys, states, jacobians), residual
         values = gtsam.Values()
         for key, state in zip(keys, states, strict=True):
-            values.insert(key, state)
+            insert(values, key, state)
         (a, b, c), (A, B, C) = keys, jacobians
         unit = gtsam.noiseModel.Unit.Create(len(residual))
         super().__init__(gtsam.JacobianFactor(a, A, b, B, c, C, -residual, unit), values)

@@ -72,9 +72,9 @@ def _first_linearisation(problem: Problem) -> tuple[Any, Any]:
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     nothing = factors.precisions(np.zeros(9))
     for k in range(len(problem.t)):
-        values.insert(X(k), problem.initial_state(k))
+        factors.insert(values, X(k), problem.initial_state(k))
         for key, first in problem.variables[k]:
-            values.insert(key, first(values.atNavState))
+            factors.insert(values, key, first(values.atNavState))
         for entry in problem.factors[k]:
             graph.add(entry.gaussian)
         if problem.steps[k] is not None:

@@ -116,14 +116,13 @@ class SightingFactors:
     @cached_property
     def _arrays(self) -> dict[str, Array]:
         """What was measured, by which sensor: range, bearing, elevation, NaN where not."""
-        n = len(self.seen)
-        polar, sigma = np.full((n, 3), np.nan), np.ones((n, 3))
-        for i, own in enumerate(self.seen):
-            polar[i, : len(own.values.polar)] = own.values.polar
-            sigma[i, own.values.rows] = np.sqrt(own.excess) * own.values.sigma
+        of = [own.values for own in self.seen]
+        polar = np.array([(s.range_m, s.bearing, s.elevation) for s in of], dtype=float)
+        sigma = np.array([(s.sigma_range, s.sigma_bearing, s.sigma_bearing) for s in of])
+        sigma *= np.sqrt([own.excess for own in self.seen])[:, None]
         return {
             "polar": polar,
-            "sigma": sigma,
+            "sigma": np.where(np.isnan(polar), 1.0, sigma),
             "R_bs": np.array([own.sensor.R_bs for own in self.seen]),
             "xyz_b": np.array([own.sensor.xyz_b for own in self.seen]),
             "level": np.array([own.level for own in self.seen], dtype=float),
