@@ -71,14 +71,12 @@ def weight(robustness: Robustness, whitened: float) -> float:
 
 def robust(factor: Any, robustness: Robustness) -> Any:
     """The factor under a kernel."""
+    if robustness.kernel == "none":
+        return factor
     if isinstance(factor, LinearFactor):
         return factor.weighed(robustness)
-    kernel = m_estimator(robustness)
-    if kernel is None:
-        return factor
-    return factor.cloneWithNewNoiseModel(
-        gtsam.noiseModel.Robust.Create(kernel, factor.noiseModel())
-    )
+    noise = gtsam.noiseModel.Robust.Create(m_estimator(robustness), factor.noiseModel())
+    return factor.cloneWithNewNoiseModel(noise)
 
 
 def nav_state(R_nb: Array, p_n: Array, v_n: Array) -> Any:

@@ -222,13 +222,10 @@ class Problem:
         return self.factors[k] + ([] if step is None else [SensorFactor("imu", step.factor)])
 
     def first_rows(self) -> tuple[dict[int, int], int]:
-        """Row at which each factor begins, by its identity, `entries` being stacked in order; and
-        how many there are."""
-        rows, row = {}, 0
-        for entry in self.entries:
-            rows[id(entry.factor)] = row
-            row += entry.gaussian.dim()
-        return rows, row
+        """Row at which each of the `entries` begins, by its identity, and how many there are."""
+        entries = self.entries
+        ends = np.cumsum([0, *(entry.gaussian.dim() for entry in entries)]).tolist()
+        return dict(zip(map(id, entries), ends, strict=False)), ends[-1]
 
     def add(
         self,

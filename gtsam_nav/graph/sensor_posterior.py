@@ -232,7 +232,7 @@ def _constant_errors(problem: Problem, values: Any) -> tuple[Array, Array, Array
     effect[:, : len(CALIBRATION)] = _calibration_effect(problem, values, first_row, rows)
     for column, constant in enumerate(problem.constants, start=len(CALIBRATION)):
         for entry, derivative in constant.effect:
-            row, gaussian = first_row[id(entry.factor)], entry.gaussian
+            row, gaussian = first_row[id(entry)], entry.gaussian
             weight = entry.weight_at(values)
             whitened = gaussian.noiseModel().whiten(derivative)
             effect[row : row + len(derivative), column] = np.sqrt(weight) * whitened
@@ -259,13 +259,13 @@ def _calibration_effect(
     p_a, R_ab = (
         np.array([getattr(d, of) for d in problem.displacements]) for of in ("p_a", "R_ab")
     )
-    of_factors = [d.entry.factor for d in problem.displacements]
-    native = [factor.linearize(values).jacobian()[0][3, 12:15] for factor in of_factors]
+    entries = [d.entry for d in problem.displacements]
+    native = [entry.factor.linearize(values).jacobian()[0][3, 12:15] for entry in entries]
     # the native row is a rotation times the square root of weight and information
     root = np.linalg.norm(native, axis=1)
     turned = np.column_stack([-p_a[:, 1], p_a[:, 0], np.zeros(len(p_a))])
     moved = np.stack([p_a, turned], axis=2)
-    first = np.array([first_row[id(factor)] for factor in of_factors])
+    first = np.array([first_row[id(entry)] for entry in entries])
     effect[first[:, None] + np.arange(3, 6)] = -root[:, None, None] * (
         np.swapaxes(R_ab, 1, 2) @ moved
     )
