@@ -55,8 +55,10 @@ def _once(mission: gn.Mission, config: Config, kind: str) -> tuple[float, float,
     )
     begin = time.process_time()
     imu.add(problem, mission, config)
-    built = time.process_time()
     steps = [step for step in problem.steps if step is not None]
+    made = [step.factor for step in steps]
+    built = time.process_time()
+    assert len(made) == len(steps) > 0
     bare = _standard if kind == "standard" else _combined
     looped = time.process_time()
     bare(problem, steps)

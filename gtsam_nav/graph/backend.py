@@ -13,8 +13,8 @@ from gtsam_nav.errors import EstimationError
 from gtsam_nav.frames import Array
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import B, X
-from gtsam_nav.graph.preintegration import integrate_anew
-from gtsam_nav.graph.problem import Problem, Reading, SensorFactor
+from gtsam_nav.graph.problem import Problem, SensorFactor
+from gtsam_nav.graph.readings import Reading, made
 from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.graph.scan_matching import PlanarPose
 
@@ -63,6 +63,7 @@ class Backend:
         self._isam = _isam2(self._by_qr)
         self._new_factors = gtsam.NonlinearFactorGraph()
         self._new_values = gtsam.Values()
+        self._new_readings: list[Reading] = []
         self._last_state: Any = None
         self._last_bias: Any = problem.bias
 
@@ -74,20 +75,15 @@ class Backend:
                 self._new_factors.add(hint)
         else:
             self.problem.set_gravity(k, self._last_state)
-            integrate_anew(self.problem, k, self._last_bias)
+            self.problem.integrate_at(k, self._last_bias)
             state = self.problem.predicted(k, self._last_state, self._last_bias)
-        self._new_values.insert(X(k), state)
+        factors.insert(self._new_values, X(k), state)
         self._last_state = state
         for key, first in self.problem.variables[k]:
-            self._new_values.insert(key, first(self._state_at))
-        for entry in self.problem.factors[k]:
+            factors.insert(self._new_values, key, first(self._state_at))
+        for entry in self.problem.brought(k):
             self.add_factor(entry)
-        for reading in self.problem.readings[k]:
-            self._new_factors.add(self._online_factor(reading))
-
-    def _online_factor(self, reading: Reading) -> Any:
-        robustness = DOUBTED if reading.is_gated else reading.robustness.at_first
-        return factors.robust(reading.make(self._state_at), robustness)
+        self._new_readings += self.problem.readings[k]
 
     def _state_at(self, key: int) -> Any:
         if self._new_values.exists(key):
@@ -100,6 +96,10 @@ class Backend:
 
     def update(self) -> None:
         """Let iSAM2 take in what is queued."""
+        readings, self._new_readings = self._new_readings, []
+        for reading, factor in zip(readings, made(readings, self._state_at), strict=True):
+            robustness = DOUBTED if reading.is_gated else reading.robustness.at_first
+            self._new_factors.add(factors.robust(factor, robustness))
         try:
             self._isam.update(self._new_factors, self._new_values)
         except RuntimeError as error:

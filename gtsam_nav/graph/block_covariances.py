@@ -26,6 +26,9 @@ from gtsam_nav.graph.sensor_posterior import (
 )
 from gtsam_nav.series import IntArray
 
+FEW = 10
+"""One group of so many variables of the graph is answered sooner by GTSAM's own."""
+
 
 def joint_covariances(
     graph: Any, values: Any, groups: Sequence[tuple[int, ...]], is_stiff: bool = False
@@ -40,7 +43,7 @@ def joint_covariances(
     groups : sequence of tuple of int
         Keys; the groups are small and many.
     is_stiff : bool
-        As for `solve_batch`: one by one, by QR.
+        As for `solve_batch`: by QR, one by one as where they are few.
 
     Raises
     ------
@@ -49,7 +52,7 @@ def joint_covariances(
     """
     if not groups:
         return []
-    if not is_stiff:
+    if not is_stiff and FEW * len(groups) > values.size():
         try:
             return _by_fronts(graph, values, groups)
         except np.linalg.LinAlgError:

@@ -18,6 +18,8 @@ import numpy as np
 
 from gtsam_nav.frames import Array, skew
 
+TURN, SPEED, PLACE = slice(0, 3), slice(3, 6), slice(6, 9)
+
 
 @dataclass(frozen=True)
 class Bridge:
@@ -95,26 +97,27 @@ def _root(P: Array) -> Array:
 
 def _transition(t: Array, K: Array) -> Array:
     """Phi at times (n,), shape (n, 9, 9): a tilt accelerates, a speed moves."""
-    none, one = np.zeros((len(t), 3, 3)), np.broadcast_to(np.eye(3), (len(t), 3, 3))
+    Phi = np.tile(np.eye(9), (len(t), 1, 1))
     t = t[:, None, None]
-    return np.block([[one, none, none], [K * t, one, none], [K * t**2 / 2, one * t, one]])
+    Phi[:, SPEED, TURN] = K * t
+    Phi[:, PLACE, TURN] = K * t**2 / 2
+    Phi[:, PLACE, SPEED] = np.eye(3) * t
+    return Phi
 
 
 def _added(t: Array, K: Array, gyro2: float, accel2: float) -> Array:
     """Q at times (n,), shape (n, 9, 9)."""
     one, KK = np.eye(3), K @ K.T
+    Q = np.empty((len(t), 9, 9))
     t = t[:, None, None]
-    turn, tilted, displaced = gyro2 * t * one, gyro2 * t**2 / 2 * K, gyro2 * t**3 / 6 * K
-    speed = gyro2 * t**3 / 3 * KK + accel2 * t * one
-    both = gyro2 * t**4 / 8 * KK + accel2 * t**2 / 2 * one
-    moved = gyro2 * t**5 / 20 * KK + accel2 * t**3 / 3 * one
-    return np.block(
-        [
-            [turn, -tilted, -displaced],
-            [tilted, speed, both],
-            [displaced, both, moved],
-        ]
-    )
+    Q[:, TURN, TURN] = gyro2 * t * one
+    Q[:, SPEED, TURN] = gyro2 * t**2 / 2 * K
+    Q[:, PLACE, TURN] = gyro2 * t**3 / 6 * K
+    Q[:, TURN, SPEED], Q[:, TURN, PLACE] = -Q[:, SPEED, TURN], -Q[:, PLACE, TURN]
+    Q[:, SPEED, SPEED] = gyro2 * t**3 / 3 * KK + accel2 * t * one
+    Q[:, SPEED, PLACE] = Q[:, PLACE, SPEED] = gyro2 * t**4 / 8 * KK + accel2 * t**2 / 2 * one
+    Q[:, PLACE, PLACE] = gyro2 * t**5 / 20 * KK + accel2 * t**3 / 3 * one
+    return Q
 
 
 def steady_bridge(f: Array, noise: Array, link: Array) -> Bridge:

@@ -23,7 +23,8 @@ from gtsam_nav.graph import factors
 from gtsam_nav.graph.backend import graph_of, solve_batch
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.measurements import build_problem
-from gtsam_nav.graph.problem import Problem, Reading
+from gtsam_nav.graph.problem import Problem
+from gtsam_nav.graph.readings import Reading, made
 from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.graph.sensor_posterior import sensor_posterior
 from gtsam_nav.graph.settling import NARROWING, START
@@ -152,7 +153,7 @@ def _start(problem: Problem, before: Any) -> Any:
         if before is not None and before.exists(key):
             kind = "ConstantBias" if chr(gtsam.Symbol(key).chr()) == "b" else "NavState"
             first = getattr(before, f"at{kind}")(key)
-        values.insert(key, first)
+        factors.insert(values, key, first)
 
     for k in range(len(problem.t)):
         keep(X(k), problem.initial_state(k))
@@ -166,10 +167,9 @@ def _narrowed(problem: Problem, values: Any, width: float) -> float:
     if np.isfinite(width):
         return max(1.0, width / NARROWING)
     worst = 1.0
-    for reading in _readings(problem):
-        if reading.is_gated:
-            misfit = reading.make(values.atNavState).whitenedError(values)
-            worst = max(worst, float(np.linalg.norm(misfit)))
+    gated = [reading for reading in _readings(problem) if reading.is_gated]
+    for factor in made(gated, values.atNavState):
+        worst = max(worst, float(np.linalg.norm(factor.whitenedError(values))))
     return max(1.0, worst / START.scale)
 
 
@@ -180,10 +180,9 @@ def _readings(problem: Problem) -> list[Reading]:
 def _factors(problem: Problem, values: Any, gated: Robustness) -> tuple[Used, Any]:
     """Readings with their factors, the gated ones under a kernel; and the whole graph."""
     graph = graph_of(problem.entries)
-    readings = []
-    for reading in _readings(problem):
-        robustness = gated if reading.is_gated else reading.robustness
-        factor = factors.robust(reading.make(values.atNavState), robustness)
-        readings.append((reading, factor))
-        graph.push_back(factor)
-    return tuple(readings), graph
+    readings, used = _readings(problem), []
+    for reading, gaussian in zip(readings, made(readings, values.atNavState), strict=True):
+        factor = factors.robust(gaussian, gated if reading.is_gated else reading.robustness)
+        used.append((reading, factor))
+        graph.add(factor)
+    return tuple(used), graph

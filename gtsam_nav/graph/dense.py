@@ -11,7 +11,8 @@ import numpy as np
 from gtsam_nav.frames import Array, quaternion_from_rotation, rotation_from_rpy, wrap_angle
 from gtsam_nav.graph.bridge import Bridge, inertial_bridge, joint_of_neighbours, steady_bridge
 from gtsam_nav.graph.factors import B, X
-from gtsam_nav.graph.problem import InertialStep, Problem
+from gtsam_nav.graph.preintegration import InertialStep
+from gtsam_nav.graph.problem import Problem
 from gtsam_nav.trajectory import Trajectory
 
 TANGENT = np.r_[0:3, 6:9, 3:6]
@@ -90,8 +91,9 @@ def _along_imu(
     t = _dense_times(problem, t_key)
     bounds = np.searchsorted(t, t_key, side="right")
     bounds[0] = 0  # the first keyframe's own time goes with the first interval
+    cov_n = _covariances_n(keyframes.R_nb, [covariances[X(k)] for k in range(len(t_key))])
     parts = [
-        _interval(problem, values, k, covariances, t[bounds[k - 1] : bounds[k]])
+        _interval(problem, values, k, cov_n[k - 1 : k + 1], t[bounds[k - 1] : bounds[k]])
         for k in range(1, len(t_key))
     ]
     R_nb, p_n, v_n, cov_pose_n, sigma_v_n = (
@@ -108,12 +110,21 @@ def _along_imu(
     )
 
 
+def _covariances_n(R_nb: Array, covariances: list[Array]) -> Array:
+    """Covariances of keyframes, of attitude, velocity and position along n, shape (n, 9, 9)."""
+    to_n = np.zeros((len(R_nb), 9, 9))
+    for part in (slice(0, 3), slice(3, 6), slice(6, 9)):
+        to_n[:, part, part] = R_nb
+    turned = to_n @ np.array(covariances) @ np.swapaxes(to_n, 1, 2)
+    return np.asarray(turned[:, TANGENT[:, None], TANGENT])
+
+
 def _interval(
-    problem: Problem, values: Any, k: int, covariances: Mapping[int, Array], t: Array
+    problem: Problem, values: Any, k: int, ends: Array, t: Array
 ) -> tuple[Array, Array, Array, Array, Array]:
     """Attitude, position and velocity at times into keyframe k, the last of which is its own, with
-    the covariance of the pose and the sigmas of the velocity."""
-    from scipy.linalg import block_diag
+    the covariance of the pose and the sigmas of the velocity; ``ends`` are those of the keyframes.
+    """
     from scipy.spatial.transform import Rotation
 
     before, after = values.atNavState(X(k - 1)), values.atNavState(X(k))
@@ -122,10 +133,6 @@ def _interval(
     turn = Rotation.from_matrix(after.attitude().matrix() @ R_nb[-1].T).as_rotvec()
     miss = np.concatenate([turn, after.velocity() - v_n[-1], after.position() - p_n[-1]])
     turn, speed, shift = np.split(bridge.by_end @ miss, 3, axis=1)
-    ends = []
-    for key, state in ((X(k - 1), before), (X(k), after)):
-        to_n = block_diag(*[state.attitude().matrix()] * 3)
-        ends.append((to_n @ covariances[key] @ to_n.T)[TANGENT[:, None], TANGENT])
     cov = bridge.covariance(joint_of_neighbours(ends[0], ends[1], _link(problem, k, bridge)))
     return (
         Rotation.from_rotvec(turn).as_matrix() @ R_nb,
@@ -193,8 +200,10 @@ def _predicted(step: InertialStep, before: Any, bias: Any, elapsed: Array) -> li
     wanted = np.isin(edges, elapsed)
     pim = gtsam.PreintegratedImuMeasurements(step.parameters, bias)
     states = [before] * int(np.sum(elapsed <= 0))
-    for k, dt, is_wanted in zip(row, np.diff(edges, prepend=0.0), wanted, strict=True):
-        pim.integrateMeasurement(step.accel[k], step.gyro[k], dt)
+    lasting = np.diff(edges, prepend=0.0).tolist()
+    readings = zip(list(step.accel[row]), list(step.gyro[row]), lasting, strict=True)
+    for (f, omega, dt), is_wanted in zip(readings, wanted.tolist(), strict=True):
+        pim.integrateMeasurement(f, omega, dt)
         if is_wanted:
             states.append(pim.predict(before, bias))
     return states

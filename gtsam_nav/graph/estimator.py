@@ -45,7 +45,6 @@ from gtsam_nav.graph.output import (
     stated_closures,
 )
 from gtsam_nav.graph.outset import Ready, made_ready, mission_keyframes, start_and_motion
-from gtsam_nav.graph.preintegration import integrate_all_anew
 from gtsam_nav.graph.problem import Problem, SensorFactor
 from gtsam_nav.graph.refinement import JointRefinement, Refined, refine_without_sonar
 from gtsam_nav.graph.scan_calibration import ScanCalibration, calibrate_by_scans, planar_of
@@ -307,7 +306,7 @@ def _scan_loops(
 ) -> ScanLoops:
     """The estimate with the scans' matches: closures are judged, or between submaps still found."""
     values = online.values
-    integrate_all_anew(problem, values)
+    problem.integrate_all_at(values)
     if sonar is not None and sonar.at_once:
         return close_submap_loops(
             problem, sonar.scans, scan_keyframe, online.matches, values, config, progress
@@ -327,7 +326,7 @@ def _refined(
     progress: Progress,
 ) -> tuple[Any, Refined]:
     """The last solve, and the graph that it rests on: the echoes take the place of the matches."""
-    integrate_all_anew(problem, settled.values)
+    problem.integrate_all_at(settled.values)
     graph = graph_of(problem.entries)
     graph.push_back(settled.factors)
     if sonar is not None and not sonar.at_once and config.graph.refinement.max_iterations:

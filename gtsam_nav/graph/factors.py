@@ -7,6 +7,8 @@ copy of all values at each evaluation, which makes the solve quadratic in the mi
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -17,7 +19,6 @@ from gtsam.symbol_shorthand import B, G, L, M, S, X
 from gtsam_nav.frames import Array, Origin, earth_rate_n, rotation_from_rpy
 from gtsam_nav.graph.robust import KernelName, Robustness
 from gtsam_nav.mission import Sensor
-from gtsam_nav.preprocess.strapdown import gravity_at
 from gtsam_nav.registration.result import RelativePose
 from gtsam_nav.sensors.noise import ImuNoise
 
@@ -70,19 +71,37 @@ def weight(robustness: Robustness, whitened: float) -> float:
 
 def robust(factor: Any, robustness: Robustness) -> Any:
     """The factor under a kernel."""
+    if robustness.kernel == "none":
+        return factor
     if isinstance(factor, LinearFactor):
         return factor.weighed(robustness)
-    kernel = m_estimator(robustness)
-    if kernel is None:
-        return factor
-    return factor.cloneWithNewNoiseModel(
-        gtsam.noiseModel.Robust.Create(kernel, factor.noiseModel())
-    )
+    noise = gtsam.noiseModel.Robust.Create(m_estimator(robustness), factor.noiseModel())
+    return factor.cloneWithNewNoiseModel(noise)
 
 
 def nav_state(R_nb: Array, p_n: Array, v_n: Array) -> Any:
     """A GTSAM NavState."""
     return gtsam.NavState(gtsam.Rot3(R_nb), p_n, v_n)
+
+
+_UPRIGHT, _STILL = gtsam.Rot3(), np.zeros(3)
+_DOWN = gtsam.Unit3(np.array([0.0, 0.0, 1.0]))
+
+
+def displaced(p_n: Array) -> Any:
+    """A NavState that is nothing but a place."""
+    return gtsam.NavState(_UPRIGHT, p_n, _STILL)
+
+
+def insert(values: Any, key: int, state: Any) -> None:
+    """A NavState or IMU bias into GTSAM's values.
+
+    By the argument's name: without it, all 43 kinds of values before these are tried in turn.
+    """
+    if isinstance(state, gtsam.NavState):
+        values.insert(key, nav_state=state)
+    else:
+        values.insert(key, constant_bias=state)
 
 
 def start_prior(
@@ -98,8 +117,9 @@ def start_prior(
 
 def velocity(key: int, v_b: Array, sigma: Any) -> Any:
     """Body velocity: ``R_nb' v_n - v_b``; an infinite sigma is unobserved."""
-    noise = precisions([*[0] * 6, *(np.ones(3) / np.square(sigma))])
-    measured = np.r_[np.zeros(6), v_b]
+    information, measured = np.zeros(9), np.zeros(9)
+    information[6:], measured[6:] = 1.0 / np.square(sigma), v_b
+    noise = precisions(information)
     return gtsam.ExtendedPriorFactorNavState(key, gtsam.NavState(), measured, noise)
 
 
@@ -161,8 +181,7 @@ def gnss_with_error(error: int, key: int, p_n: Array, noise: Any) -> Any:
 
     The noise is `position_noise`: fixes are made anew many times.
     """
-    measured = gtsam.NavState(gtsam.Rot3(), p_n, np.zeros(3))
-    return gtsam.BetweenFactorNavState(error, key, measured, noise)
+    return gtsam.BetweenFactorNavState(error, key, displaced(p_n), noise)
 
 
 def gnss_velocity(key: int, v_n: Array, turning_b: Array, R_nb: Array, sigma: Array) -> Any:
@@ -233,7 +252,7 @@ class LinearFactor(gtsam.LinearContainerFactor):
         self._parts, self._residual = (keys, states, jacobians), residual
         values = gtsam.Values()
         for key, state in zip(keys, states, strict=True):
-            values.insert(key, state)
+            insert(values, key, state)
         (a, b, c), (A, B, C) = keys, jacobians
         unit = gtsam.noiseModel.Unit.Create(len(residual))
         super().__init__(gtsam.JacobianFactor(a, A, b, B, c, C, -residual, unit), values)
@@ -266,10 +285,12 @@ def landmark_prior(key: int, p_n: Array, sigma: Array) -> Any:
 
 def tilt(key: int, rpy: Array, sigma: float) -> Any:
     """Roll and pitch as the direction of down in body axes; yaw stays free."""
-    down = gtsam.Unit3(np.array([0.0, 0.0, 1.0]))
-    measured = gtsam.Unit3(rotation_from_rpy(rpy)[2])
+    roll, pitch = float(rpy[0]), float(rpy[1])
+    level = math.cos(pitch)
+    down_b = (-math.sin(pitch), math.sin(roll) * level, math.cos(roll) * level)
+    measured = gtsam.Unit3(np.array(down_b))
     noise = gtsam.noiseModel.Isotropic.Sigma(2, sigma)
-    return gtsam.AttitudeFactorNavState(key, down, noise, measured)
+    return gtsam.AttitudeFactorNavState(key, _DOWN, noise, measured)
 
 
 def compass_prior(key: int, sigma: float) -> Any:
@@ -314,22 +335,32 @@ def relative_pose(a: int, b: int, pose: RelativePose) -> Any:
 
 
 def imu_parameters(
-    imu: Sensor, origin: Origin | None, p_n: Array, *, combined: bool = False
-) -> Any:
-    """Preintegration parameters: mounting, noise, and the gravity of a position.
+    imu: Sensor, origin: Origin | None, *, combined: bool = False
+) -> Callable[[Array], Any]:
+    """Makes preintegration parameters of a gravity, m/s^2: mounting and noise are the IMU's.
 
     The Earth turns where the place on it is known; ``combined`` lets the biases walk.
     """
     noise = ImuNoise.model_validate(imu.noise)
+    gyro = noise.gyro_noise_density_rad_s_sqrt_hz**2 * np.eye(3)
+    accel = noise.accel_noise_density_m_s2_sqrt_hz**2 * np.eye(3)
+    gyro_walk = noise.gyro_bias_walk_rad_s2_sqrt_hz**2 * np.eye(3)
+    accel_walk = noise.accel_bias_walk_m_s3_sqrt_hz**2 * np.eye(3)
+    mount, numerical = gtsam.Pose3(gtsam.Rot3(imu.R_bs), imu.xyz_b), 1e-10 * np.eye(3)
+    omega_n = None if origin is None else earth_rate_n(origin.latitude_deg)
     kind = gtsam.PreintegrationCombinedParams if combined else gtsam.PreintegrationParams
-    parameters: Any = kind(gravity_at(p_n, origin))
-    if combined:
-        parameters.setBiasAccCovariance(noise.accel_bias_walk_m_s3_sqrt_hz**2 * np.eye(3))
-        parameters.setBiasOmegaCovariance(noise.gyro_bias_walk_rad_s2_sqrt_hz**2 * np.eye(3))
-    parameters.setGyroscopeCovariance(noise.gyro_noise_density_rad_s_sqrt_hz**2 * np.eye(3))
-    parameters.setAccelerometerCovariance(noise.accel_noise_density_m_s2_sqrt_hz**2 * np.eye(3))
-    parameters.setIntegrationCovariance(1e-10 * np.eye(3))
-    parameters.setBodyPSensor(gtsam.Pose3(gtsam.Rot3(imu.R_bs), imu.xyz_b))
-    if origin is not None:
-        parameters.setOmegaCoriolis(earth_rate_n(origin.latitude_deg))
-    return parameters
+
+    def of(gravity_n: Array) -> Any:
+        parameters: Any = kind(gravity_n)
+        if combined:
+            parameters.setBiasAccCovariance(accel_walk)
+            parameters.setBiasOmegaCovariance(gyro_walk)
+        parameters.setGyroscopeCovariance(gyro)
+        parameters.setAccelerometerCovariance(accel)
+        parameters.setIntegrationCovariance(numerical)
+        parameters.setBodyPSensor(mount)
+        if omega_n is not None:
+            parameters.setOmegaCoriolis(omega_n)
+        return parameters
+
+    return of

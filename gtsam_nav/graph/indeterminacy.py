@@ -12,8 +12,10 @@ import numpy as np
 
 from gtsam_nav.errors import EstimationError
 from gtsam_nav.frames import Array
+from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.problem import RECEIVER_STRIDE, Problem
+from gtsam_nav.graph.readings import made
 from gtsam_nav.graph.sensor_posterior import tangent_width
 from gtsam_nav.series import IntArray
 
@@ -46,11 +48,9 @@ def check_anchored(problem: Problem) -> None:
         keyframes = [_index(keys[n]) for n in members if _kind(keys[n]) == "x"]
         if not keyframes:
             continue
-        places = np.array([values.atNavState(keys[n]).position() for n in members])
         gauge = np.zeros((int(first[-1]), 4))
-        for n in members:
-            own = _rigid_motion(values.atNavState(keys[n]), places.mean(axis=0))
-            gauge[first[n] : first[n] + 9] = own
+        rows = first[members][:, None] + np.arange(9)
+        gauge[rows] = _rigid_motion([values.atNavState(keys[n]) for n in members])
         inside = j <= first[-1]  # the last column is the residual
         moved = np.zeros((int(i.max()), 4))
         columns = j[inside].astype(np.int64) - 1
@@ -65,16 +65,24 @@ def check_anchored(problem: Problem) -> None:
 
 
 def _first_linearisation(problem: Problem) -> tuple[Any, Any]:
-    """All factors at the first values of all states."""
+    """All factors at the first values of all states.
+
+    Inertial readings, not integrated yet, tell only of differences: they are mere links here.
+    """
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    nothing = factors.precisions(np.zeros(9))
     for k in range(len(problem.t)):
-        values.insert(X(k), problem.initial_state(k))
+        factors.insert(values, X(k), problem.initial_state(k))
         for key, first in problem.variables[k]:
-            values.insert(key, first(values.atNavState))
+            factors.insert(values, key, first(values.atNavState))
         for entry in problem.factors[k]:
-            graph.push_back(entry.gaussian)
-        for reading in problem.readings[k]:
-            graph.push_back(reading.make(values.atNavState))
+            graph.add(entry.gaussian)
+        if problem.steps[k] is not None:
+            link = gtsam.BetweenFactorNavState(X(k - 1), X(k), gtsam.NavState(), nothing)
+            graph.add(link)
+    readings = [reading for brought in problem.readings for reading in brought]
+    for factor in made(readings, values.atNavState):
+        graph.add(factor)
     return graph, values
 
 
@@ -94,15 +102,18 @@ def _connected(graph: Any, keys: list[int]) -> IntArray:
     return np.asarray(part, dtype=np.int64)
 
 
-def _rigid_motion(state: Any, centre: Array) -> Array:
-    """Tangent of a state, (9, 4), as all move north, east and down, and turn about a centre."""
-    to_b = state.attitude().matrix().T
-    down = np.array([0.0, 0.0, 1.0])
-    motion = np.zeros((9, 4))
-    motion[3:6, :3] = to_b
-    motion[:3, 3] = to_b @ down
-    motion[3:6, 3] = to_b @ np.cross(down, state.position() - centre)
-    motion[6:, 3] = to_b @ np.cross(down, state.velocity())
+def _rigid_motion(states: list[Any]) -> Array:
+    """Tangents of m states, (m, 9, 4), as all move north, east and down, and turn about their
+    middle."""
+    R_nb = np.array([state.attitude().matrix() for state in states])
+    p_n = np.array([state.position() for state in states])
+    v_n = np.array([state.velocity() for state in states])
+    turned = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # down x
+    motion = np.zeros((len(states), 9, 4))
+    motion[:, 3:6, :3] = np.swapaxes(R_nb, 1, 2)
+    motion[:, :3, 3] = R_nb[:, 2]
+    motion[:, 3:6, 3] = np.einsum("kji,kj->ki", R_nb, (p_n - p_n.mean(axis=0)) @ turned.T)
+    motion[:, 6:, 3] = np.einsum("kji,kj->ki", R_nb, v_n @ turned.T)
     return motion
 
 
@@ -143,12 +154,7 @@ def _state(problem: Problem, key: int) -> str:
 
 def _sensors_of(problem: Problem, key: int) -> list[str]:
     """Sensors with a factor on a state, or a reading at its keyframe, in order of the graph."""
-    sensors = [
-        entry.sensor
-        for brought in problem.factors
-        for entry in brought
-        if key in entry.gaussian.keys()  # noqa: SIM118
-    ]
+    sensors = [e.sensor for e in problem.entries if key in e.gaussian.keys()]  # noqa: SIM118
     if _kind(key) == "x":
         sensors += [reading.sensor for reading in problem.readings[_index(key)]]
     return list(dict.fromkeys(sensors))

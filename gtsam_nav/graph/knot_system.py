@@ -52,6 +52,8 @@ class KnotSystem:
     Attributes
     ----------
     system : LinearSystem
+    keys : set of int
+        The knots' own.
     turn : scipy.sparse array, shape (N, N)
         Rotation of the knots' tangents from b to n.
     chain : Factor
@@ -71,6 +73,7 @@ class KnotSystem:
         self, graph: Any, values: Any, keyframes: IntArray, problem: Problem, touching: Any
     ) -> None:
         self.system = linearised(graph, values, problem)
+        self.keys = {X(k) for k in keyframes.tolist()}
         self.turn = _turned_into_n(self.system, keyframes)
         H = (self.turn @ self.system.H @ self.turn.T).tocsc()
         keyframe = _keyframes_of_columns(self.system, len(problem.t))
@@ -180,10 +183,13 @@ class JointPosterior:
         )
         spread = self._all[:, 1:] @ np.linalg.cholesky(self.constants.cov)
         covariances = []
-        for c, outer in zip(own, is_outer, strict=True):
-            turn = self._knots.turn[c][:, c].toarray()
-            cov = turn.T @ next(of_outer if outer else of_inner) @ turn
-            cov += spread[c] @ spread[c].T
+        for key, c, outer in zip(keys, own, is_outer, strict=True):
+            cov = next(of_outer if outer else of_inner)
+            if key in self._knots.keys:
+                R_nb = self._knots.system.values.atNavState(key).attitude().matrix()
+                turn = np.kron(np.eye(3), R_nb)
+                cov = turn.T @ cov @ turn
+            cov = cov + spread[c] @ spread[c].T
             covariances.append(0.5 * (cov + cov.T))
         return covariances
 

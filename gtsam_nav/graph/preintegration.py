@@ -3,12 +3,14 @@
 A preintegrated factor is linear in what the biases differ from those it was integrated at. A gyro's
 0.02 rad/s turn 5 s of readings by 0.1 rad: of the second order of that, gravity makes 0.1 m/s and
 0.1 m along the vertical, many times the readings' noise, which the rest of the solution would
-bend to explain. So the readings are integrated anew wherever the biases have moved too far.
+bend to explain. So the readings are integrated once a bias is believed, and anew where that has
+since moved so far that the second order counts beside their noise.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import gtsam
@@ -16,74 +18,75 @@ import numpy as np
 
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.factors import B, X
-from gtsam_nav.graph.problem import InertialStep, Problem, SensorFactor
 
-MAX_TURN_RAD = 1e-3
-"""What a gyro bias may turn a step's readings by beside the one they were integrated at."""
+GRAVITY_M_S2 = 9.8
+SECOND_ORDER_SIGMAS = 0.03
+"""What a gyro bias beside the one that readings were integrated at may make of their velocity by
+its second order, in standard deviations of their own noise."""
 
 
-def add_step(
-    problem: Problem,
-    k: int,
-    parameters: Any,
-    accel: Array,
-    gyro: Array,
-    dt: Array,
-    walking: Any = None,
-) -> None:
-    """One preintegrated factor into keyframe k, at the problem's first value of the bias.
+@dataclass(frozen=True)
+class InertialStep:
+    """Readings from one keyframe to the next, preintegrated when that is first asked for.
 
-    With ``walking`` parameters, its noise is the combined form's. GTSAM's combined factor knows no
-    NavState, and ties the walk of the biases to what it does to the motion; here the one is a
-    factor of its own and the other widens the noise.
+    Attributes
+    ----------
+    k : int
+        The keyframe that they lead to.
+    bias : gtsam.imuBias.ConstantBias
+        At which they are integrated.
+    parameters : gtsam.PreintegrationParams
+        Of this step alone: they hold its gravity.
+    accel, gyro, dt : ndarray, shapes (n, 3), (n, 3) and (n,)
+        Specific force, rate, and how long each lasts.
+    walking : gtsam.PreintegrationCombinedParams or None
+        Of biases that walk meanwhile. The noise is then the combined form's: GTSAM's combined
+        factor knows no NavState, and ties the walk of the biases to what it does to the motion;
+        here the one is a factor of its own and the other widens the noise.
     """
-    pim = gtsam.PreintegratedImuMeasurements(parameters, problem.bias)
-    step = InertialStep(pim, parameters, accel, gyro, dt, walking)
-    problem.steps[k], factor = _integrated(k, step, problem.bias)
-    problem.add(k, "imu", factor)
 
+    k: int
+    bias: Any
+    parameters: Any
+    accel: Array
+    gyro: Array
+    dt: Array
+    walking: Any = None
 
-def integrate_anew(problem: Problem, k: int, bias: Any) -> bool:
-    """Integrate the readings into keyframe k at another bias where theirs is too far from it.
+    @cached_property
+    def pim(self) -> Any:
+        """The preintegrated readings."""
+        return self._integrated(gtsam.PreintegratedImuMeasurements(self.parameters, self.bias))
 
-    The new factor takes the place of the old; returns whether there is one.
-    """
-    step = problem.steps[k]
-    if step is None:
-        return False
-    moved = bias.gyroscope() - step.pim.biasHat().gyroscope()
-    if np.linalg.norm(moved) * np.sum(step.dt) < MAX_TURN_RAD:
-        return False
-    problem.steps[k], factor = _integrated(k, step, bias)
-    brought = problem.factors[k]
-    (old,) = (i for i, entry in enumerate(brought) if isinstance(entry.gaussian, gtsam.ImuFactor2))
-    brought[old] = SensorFactor("imu", factor)
-    return True
+    @cached_property
+    def factor(self) -> Any:
+        """They as a factor between the two keyframes."""
+        factor: Any = gtsam.ImuFactor2(X(self.k - 1), X(self.k), B(self.k - 1), self.pim)
+        if self.walking is None:
+            return factor
+        combined = gtsam.PreintegratedCombinedMeasurements(self.walking, self.bias)
+        cov = self._integrated(combined).preintMeasCov()[:9, :9]
+        return factor.cloneWithNewNoiseModel(gtsam.noiseModel.Gaussian.Covariance(cov))
 
+    def _integrated(self, pim: Any) -> Any:
+        add = pim.integrateMeasurement
+        for f, omega, dt in zip(list(self.accel), list(self.gyro), self.dt.tolist(), strict=True):
+            add(f, omega, dt)
+        return pim
 
-def integrate_all_anew(problem: Problem, values: Any) -> int:
-    """The same of all keyframes at the biases of an estimate; returns how many were."""
-    if not problem.uses_imu:
-        return 0
-    return sum(
-        integrate_anew(problem, k, values.atConstantBias(B(k - 1)))
-        for k in range(1, len(problem.t))
-    )
+    def at(self, bias: Any) -> InertialStep:
+        """The step at another bias; the same where it was integrated near enough to that."""
+        if "pim" in vars(self) and self._second_order_sigmas(bias) < SECOND_ORDER_SIGMAS:
+            return self
+        return replace(self, bias=bias)
 
+    def _second_order_sigmas(self, bias: Any) -> float:
+        """What the linear factor leaves out of the velocity at a bias, in units of its noise.
 
-def _integrated(k: int, step: InertialStep, bias: Any) -> tuple[InertialStep, Any]:
-    """The step at a bias, and its factor."""
-    pim = gtsam.PreintegratedImuMeasurements(step.parameters, bias)
-    _integrate(pim, step)
-    factor: Any = gtsam.ImuFactor2(X(k - 1), X(k), B(k - 1), pim)
-    if step.walking is not None:
-        combined = gtsam.PreintegratedCombinedMeasurements(step.walking, bias)
-        _integrate(combined, step)
-        cov = combined.preintMeasCov()[:9, :9]
-        factor = factor.cloneWithNewNoiseModel(gtsam.noiseModel.Gaussian.Covariance(cov))
-    return replace(step, pim=pim), factor
-
-
-def _integrate(pim: Any, step: InertialStep) -> None:
-    for f, omega, dt in zip(list(step.accel), list(step.gyro), step.dt.tolist(), strict=True):
-        pim.integrateMeasurement(f, omega, dt)
+        Readings that a bias turns by w t feel gravity off by g (w t)^2 / 2 along the vertical.
+        """
+        moved = float(np.linalg.norm(bias.gyroscope() - self.bias.gyroscope()))
+        span_s = float(np.sum(self.dt))
+        left_out_m_s = GRAVITY_M_S2 * moved**2 * span_s**3 / 6
+        variance = float(self.parameters.getAccelerometerCovariance()[0, 0]) * span_s
+        return left_out_m_s / float(np.sqrt(variance))

@@ -12,6 +12,9 @@ from numpy.linalg import norm
 
 from gtsam_nav.frames import Array, Origin, rotation_from_rpy
 from gtsam_nav.graph import factors
+from gtsam_nav.graph.factors import B, X
+from gtsam_nav.graph.preintegration import InertialStep
+from gtsam_nav.graph.readings import Reading, StateAt, as_given
 from gtsam_nav.graph.robust import GatedRobustness, Robustness
 from gtsam_nav.graph.scan_matching import PlanarPose
 from gtsam_nav.mission import Rejection
@@ -22,9 +25,6 @@ from gtsam_nav.series import IntArray
 
 RECEIVER_STRIDE = 10**7
 """Apart in the numbering of GNSS errors: more keyframes than any mission has."""
-
-StateAt = Callable[[int], Any]
-"""Gives the present value of a NavState variable."""
 
 
 NO_KERNEL = Robustness(kernel="none")
@@ -50,44 +50,12 @@ class SensorFactor:
     @property
     def at_first(self) -> Any:
         """The factor under the kernel that it has while the solution is still far."""
-        return factors.robust(self.gaussian, self.robustness.at_first)
+        first = self.robustness.at_first
+        return self.factor if first is self.robustness else factors.robust(self.gaussian, first)
 
     def weight_at(self, values: Any) -> float:
         """What the kernel leaves of the factor's information."""
         return factors.weight(self.robustness, float(norm(self.gaussian.whitenedError(values))))
-
-
-@dataclass(frozen=True)
-class Reading:
-    """A measurement whose factor is made anew at each estimate, and which may be an outlier.
-
-    Attributes
-    ----------
-    t, sensor, index : float, str, int
-        As in `Rejection`.
-    make : callable
-        From the present states to a native factor with Gaussian noise.
-    robustness : GatedRobustness
-        When it is an outlier, and the kernel that it keeps in the final solution where it is none.
-    reason : str
-        What is said of an outlier.
-    """
-
-    t: float
-    sensor: str
-    index: int
-    make: Callable[[StateAt], Any]
-    robustness: GatedRobustness
-    reason: str
-
-    @property
-    def is_gated(self) -> bool:
-        """Whether it may be left out as an outlier."""
-        return self.robustness.gate_probability is not None
-
-    def rejection(self, normalised_residual: float) -> Rejection:
-        """The record of an outlier."""
-        return Rejection(self.t, self.sensor, self.index, self.reason, normalised_residual)
 
 
 @dataclass(frozen=True)
@@ -141,20 +109,6 @@ class TimingEffect:
     effect: Array
 
 
-@dataclass(frozen=True)
-class InertialStep:
-    """Preintegrated readings into a keyframe, the parameters that hold their gravity, and the
-    readings themselves, shapes (n, 3), (n, 3), with the n times that they last; ``walking`` are the
-    parameters of biases that walk meanwhile, if they do."""
-
-    pim: Any
-    parameters: Any
-    accel: Array
-    gyro: Array
-    dt: Array
-    walking: Any = None
-
-
 @dataclass
 class Problem:
     """Factors and initial values of each keyframe.
@@ -175,7 +129,8 @@ class Problem:
     planar : bool
         Whether the vehicle stays upright and at its start's depth because nothing tells otherwise.
     factors : list of lists
-        ``factors[k]`` are those that keyframe k brings; they refer to no later keyframe.
+        ``factors[k]`` are those that keyframe k brings, but for its inertial step's; they refer to
+        no later keyframe.
     readings : list of lists
         The same of the readings.
     variables : list of lists
@@ -183,7 +138,7 @@ class Problem:
     hints : list
         Factors on the first keyframe for the causal pass alone.
     steps : list
-        Preintegrated readings into each keyframe; None where there are none.
+        Inertial readings into each keyframe; None where there are none.
     origin : Origin or None
         Of the navigation frame.
     bias : gtsam.imuBias.ConstantBias or None
@@ -239,10 +194,13 @@ class Problem:
         self.readings = [[] for _ in self.t]
         self.variables = [[] for _ in self.t]
         self.steps = [None for _ in self.t]
+        self._given: list[Any] = []
+        self._give = as_given(self._given)
         self.p_n, self.rpy = self.motion.at(self.t)
         self.R_nb = rotation_from_rpy(self.rpy)
         columns = [np.interp(self.t, self.motion.t, axis) for axis in self.motion.v_b.T]
         self.v_b = np.stack(columns, axis=1)
+        self.sigma_v = np.interp(self.t, self.motion.t, self.motion.sigma_v)
 
     @property
     def is_stiff(self) -> bool:
@@ -253,15 +211,21 @@ class Problem:
     @property
     def entries(self) -> list[SensorFactor]:
         """All factors in the order of their keyframes."""
-        return [entry for brought in self.factors for entry in brought]
+        every: list[SensorFactor] = []
+        for k in range(len(self.t)):
+            every += self.brought(k)
+        return every
 
-    def first_rows(self) -> dict[int, int]:
-        """Row at which each factor begins, by its identity, `entries` being stacked in order."""
-        rows, row = {}, 0
-        for entry in self.entries:
-            rows[id(entry.factor)] = row
-            row += entry.gaussian.dim()
-        return rows
+    def brought(self, k: int) -> list[SensorFactor]:
+        """The factors that keyframe k brings, its inertial readings preintegrated."""
+        step = self.steps[k]
+        return self.factors[k] + ([] if step is None else [SensorFactor("imu", step.factor)])
+
+    def first_rows(self) -> tuple[dict[int, int], int]:
+        """Row at which each of the `entries` begins, by its identity, and how many there are."""
+        entries = self.entries
+        ends = np.cumsum([0, *(entry.gaussian.dim() for entry in entries)]).tolist()
+        return dict(zip(map(id, entries), ends, strict=False)), ends[-1]
 
     def add(
         self,
@@ -283,23 +247,48 @@ class Problem:
         if robustness.gate_probability is None:
             self.add(k, sensor, factor, robustness, index)
             return
-        t, reason = float(self.t[k]), f"{sensor} outlier"
-        reading = Reading(t, sensor, index, lambda _: factor, robustness, reason)
-        self.readings[k].append(reading)
+        t, reason, row = float(self.t[k]), f"{sensor} outlier", len(self._given)
+        self._given.append(factor)
+        self.readings[k].append(Reading(t, sensor, index, self._give, row, robustness, reason))
 
     def add_variable(self, k: int, key: int, value: Any) -> None:
         """Let keyframe k bring one more state, of a given first value."""
         self.variables[k].append((key, lambda _: value))
 
+    def compass_at(self, k: int) -> int | None:
+        """Key of the compass frame of keyframe k, if there is one."""
+        return self.compass[k] if self.compass else None
+
     def keyframe_nearest(self, t: Array) -> IntArray:
         """Indices of the keyframes nearest to given times."""
         return np.searchsorted(0.5 * (self.t[1:] + self.t[:-1]), t, side="right")
+
+    def integrate_at(self, k: int, bias: Any) -> None:
+        """Have the readings into keyframe k integrated at a bias, or near enough to it."""
+        step = self.steps[k]
+        if step is not None:
+            self.steps[k] = step.at(bias)
+
+    def integrate_all_at(self, values: Any) -> None:
+        """The same of all keyframes at the biases of an estimate."""
+        if self.uses_imu:
+            for k in range(1, len(self.t)):
+                self.integrate_at(k, values.atConstantBias(B(k - 1)))
 
     def set_gravity(self, k: int, before: Any) -> None:
         """Let the readings into keyframe k feel the gravity of where the one before it is."""
         step = self.steps[k]
         if step is not None:
             step.parameters.n_gravity = gravity_at(before.position(), self.origin)
+
+    def set_all_gravity(self, values: Any) -> None:
+        """The same of all keyframes where they are in an estimate."""
+        steps = [step for step in self.steps if step is not None]
+        if not steps:
+            return
+        p_n = np.array([values.atNavState(X(step.k - 1)).position() for step in steps])
+        for step, gravity_n in zip(steps, gravity_at(p_n, self.origin), strict=True):
+            step.parameters.n_gravity = gravity_n
 
     def initial_state(self, k: int) -> Any:
         """Keyframe k as the vehicle's own motion has it."""

@@ -7,6 +7,7 @@ are marginalised out of it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import gtsam
@@ -23,6 +24,16 @@ CALIBRATION = ("scale", "misalignment_rad")
 """The constant errors of the sensor of the velocity."""
 SYMBOL_BITS = 56
 """Of a GTSAM key, that hold a symbol's index; its letter stands above them."""
+TANGENTS = {
+    "b": (6, slice(0, 6)),
+    "m": (9, slice(2, 3)),
+    "g": (9, slice(3, 6)),
+    "l": (9, slice(3, 6)),
+    "s": (9, slice(3, 4)),
+}
+"""Width of a kind of variable's tangent, and which part of it is free: a keyframe's whole."""
+PINNED, RIGHT_SIDE = -1, -2
+"""Columns of GTSAM's own that are none of the system's."""
 ENTRIES_AT_ONCE = 4_000_000
 """Of a covariance's columns: all of them take the memory of the mission's length squared."""
 
@@ -93,16 +104,16 @@ def linearised(graph: Any, values: Any, problem: Problem) -> LinearSystem:
     """Linearise a graph that begins with the problem's own factors in their order, and the
     readings in use."""
     columns, jacobian, b = whitened_jacobian(graph, values)
-    rows = len(b)
-    effect, precision, prior_mean = _constant_errors(problem, values, rows)
+    effect, precision, prior_mean = _constant_errors(problem, values)
+    both = min(len(b), len(effect))
     return LinearSystem(
         values=values,
         columns=columns,
         H=(jacobian.T @ jacobian).tocsc(),
         g=jacobian.T @ b,
-        h=jacobian.T @ effect,
+        h=jacobian[:both].T @ effect[:both],
         h_dd=effect.T @ effect + np.diag(precision),
-        g_d=effect.T @ b + precision * prior_mean,
+        g_d=effect[:both].T @ b[:both] + precision * prior_mean,
     )
 
 
@@ -113,19 +124,22 @@ def whitened_jacobian(graph: Any, values: Any) -> tuple[dict[int, slice], Any, A
     -------
     columns : dict of int to slice
         As in `LinearSystem`.
-    jacobian : scipy.sparse.csc_array, shape (rows, N)
+    jacobian : scipy.sparse.csr_array, shape (rows, N)
+        Without rows of zeros at the end.
     b : ndarray, shape (rows,)
         What a step is to make up for.
     """
-    from scipy.sparse import csc_array
+    from scipy.sparse import coo_array
 
-    columns, free = _columns(values)
+    columns, place = _columns(tuple(sorted(values.keys())))
     i, j, s = graph.linearize(values).sparseJacobian_()
-    entries = (s, (i.astype(np.int64) - 1, j.astype(np.int64) - 1))
-    # rows of zeros at the end have no entry
-    rows = sum(graph.at(f).dim() for f in range(graph.size()))
-    augmented = csc_array(entries, shape=(rows, int(j.max())))
-    return columns, augmented[:, free], augmented[:, [-1]].toarray()[:, 0]
+    row, column = i.astype(np.int64) - 1, place[j.astype(np.int64) - 1]
+    b = np.zeros(int(row.max()) + 1)
+    right, left = column == RIGHT_SIDE, column >= 0
+    b[row[right]] = s[right]
+    n = max(part.stop for part in columns.values())
+    jacobian = coo_array((s[left], (row[left], column[left])), shape=(len(b), n))
+    return columns, jacobian.tocsr(), b
 
 
 @dataclass(frozen=True)
@@ -196,31 +210,37 @@ def sensor_posterior(
 
 def _planar_selection(system: LinearSystem, keyframes: IntArray) -> Any:
     """Derivative of (dn, de, dyaw) of some keyframes in a step, transposed; shape (N, 3 m)."""
-    from scipy.sparse import csc_array, lil_array
+    from scipy.sparse import coo_array
 
-    selection = lil_array((len(system.g), 3 * len(keyframes)))
-    for m, k in enumerate(keyframes.tolist()):
-        R_nb = system.values.atNavState(X(k)).attitude().matrix()
-        selection[system.columns[X(k)], 3 * m : 3 * m + 3] = planar_rows(R_nb).T
-    return csc_array(selection)
+    keys = [X(k) for k in keyframes.tolist()]
+    R_nb = [system.values.atNavState(key).attitude().matrix() for key in keys]
+    entries = np.array([planar_rows(R).T for R in R_nb]).reshape(-1, 9, 3)
+    first = np.array([system.columns[key].start for key in keys], dtype=np.int64)
+    rows = np.broadcast_to((first[:, None] + np.arange(9))[:, :, None], entries.shape)
+    columns = np.broadcast_to(np.arange(3 * len(keys)).reshape(-1, 1, 3), entries.shape)
+    places = (rows.ravel(), columns.ravel())
+    return coo_array((entries.ravel(), places), shape=(len(system.g), 3 * len(keys))).tocsc()
 
 
-def _constant_errors(problem: Problem, values: Any, rows: int) -> tuple[Array, Array, Array]:
-    """Derivative of all residuals in the constant errors, their prior's precision and mean."""
+def _constant_errors(problem: Problem, values: Any) -> tuple[Array, Array, Array]:
+    """Derivative of residuals in the constant errors, their prior's precision and mean.
+
+    Of the problem's own factors, and with timing errors of the readings below them.
+    """
+    first_row, rows = problem.first_rows()
     effect = np.zeros((rows, len(CALIBRATION) + len(problem.constants)))
-    first_row = problem.first_rows()
     effect[:, : len(CALIBRATION)] = _calibration_effect(problem, values, first_row, rows)
     for column, constant in enumerate(problem.constants, start=len(CALIBRATION)):
         for entry, derivative in constant.effect:
-            row, gaussian = first_row[id(entry.factor)], entry.gaussian
+            row, gaussian = first_row[id(entry)], entry.gaussian
             weight = entry.weight_at(values)
             whitened = gaussian.noiseModel().whiten(derivative)
             effect[row : row + len(derivative), column] = np.sqrt(weight) * whitened
     sigma = np.append(problem.calibration_sigma, [constant.sigma for constant in problem.constants])
     mean = np.zeros(len(sigma))
     if problem.timing is not None:
-        below = rows - len(problem.timing.effect)
-        effect = np.hstack([effect, np.pad(problem.timing.effect, ((0, below), (0, 0)))])
+        below = len(problem.timing.effect) - rows
+        effect = np.hstack([np.pad(effect, ((0, below), (0, 0))), problem.timing.effect])
         sigma = np.append(sigma, problem.timing.sigma_s)
         mean = np.append(mean, -problem.timing.corrected_s)
     return effect, 1.0 / np.maximum(sigma, 1e-9) ** 2, mean
@@ -234,13 +254,21 @@ def _calibration_effect(
     The displacement's residual is ``R_ab' (R_a' (p_b - p_a) - (1 + scale) Rz(misalignment) p_ab)``.
     """
     effect = np.zeros((rows, len(CALIBRATION)))
-    for d in problem.displacements:
-        A, _ = d.entry.factor.linearize(values).jacobian()
-        # the native row is a rotation times the square root of weight and information
-        root = float(np.linalg.norm(A[3, 12:15]))
-        turned = np.array([-d.p_a[1], d.p_a[0], 0.0])
-        row = first_row[id(d.entry.factor)] + 3
-        effect[row : row + 3] = -root * d.R_ab.T @ np.column_stack([d.p_a, turned])
+    if not problem.displacements:
+        return effect
+    p_a, R_ab = (
+        np.array([getattr(d, of) for d in problem.displacements]) for of in ("p_a", "R_ab")
+    )
+    entries = [d.entry for d in problem.displacements]
+    native = [entry.factor.linearize(values).jacobian()[0][3, 12:15] for entry in entries]
+    # the native row is a rotation times the square root of weight and information
+    root = np.linalg.norm(native, axis=1)
+    turned = np.column_stack([-p_a[:, 1], p_a[:, 0], np.zeros(len(p_a))])
+    moved = np.stack([p_a, turned], axis=2)
+    first = np.array([first_row[id(entry)] for entry in entries])
+    effect[first[:, None] + np.arange(3, 6)] = -root[:, None, None] * (
+        np.swapaxes(R_ab, 1, 2) @ moved
+    )
     return effect
 
 
@@ -250,11 +278,7 @@ def _tangent(key: int) -> tuple[int, slice]:
     Of a compass frame only the yaw is, of a GNSS error or a landmark only the position, of a range
     scale only the first component of that; the rest is pinned.
     """
-    kind = chr(key >> SYMBOL_BITS)
-    if kind == "b":
-        return 6, slice(0, 6)
-    parts = {"m": slice(2, 3), "g": slice(3, 6), "l": slice(3, 6), "s": slice(3, 4)}
-    return 9, parts.get(kind, slice(0, 9))
+    return TANGENTS.get(chr(key >> SYMBOL_BITS), (9, slice(0, 9)))
 
 
 def free_part(key: int) -> slice:
@@ -267,16 +291,24 @@ def tangent_width(key: int) -> int:
     return _tangent(key)[0]
 
 
-def _columns(values: Any) -> tuple[dict[int, slice], IntArray]:
-    """Columns of each variable's free part, and where these stand in GTSAM's own order of keys."""
-    columns, kept, first, first_kept = {}, [], 0, 0
-    for key in sorted(values.keys()):
+@lru_cache(maxsize=2)  # the same variables are linearised several times
+def _columns(keys: tuple[int, ...]) -> tuple[dict[int, slice], IntArray]:
+    """Columns of each variable's free part, and which of them each of GTSAM's own is, if any.
+
+    GTSAM has the keys in their order, and the right-hand side behind them.
+    """
+    columns, pieces, end = {}, [], 0
+    for key in keys:
         width, free = _tangent(key)
-        index = np.arange(width)[free]
-        columns[key] = slice(first_kept, first_kept + len(index))
-        kept.append(first + index)
-        first, first_kept = first + width, first_kept + len(index)
-    return columns, np.concatenate(kept)
+        begin, end = end, end + free.stop - free.start
+        columns[key] = slice(begin, end)
+        pieces.append((free.start, free.stop - free.start, width - free.stop))
+    before, kept, after = np.array(pieces).T
+    place = np.full(int(np.sum(before + kept + after)) + 1, PINNED)
+    first = np.cumsum(before + kept + after) - kept - after
+    place[np.repeat(first - np.cumsum(kept) + kept, kept) + np.arange(end)] = np.arange(end)
+    place[-1] = RIGHT_SIDE
+    return columns, place
 
 
 def keyframe_of(key: int) -> int:

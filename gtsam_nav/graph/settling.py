@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -25,8 +25,8 @@ from gtsam_nav.frames import Array
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.backend import solve_batch
 from gtsam_nav.graph.block_covariances import joint_covariances
-from gtsam_nav.graph.factors import X
-from gtsam_nav.graph.problem import Problem, Reading, SensorFactor
+from gtsam_nav.graph.problem import Problem, SensorFactor
+from gtsam_nav.graph.readings import Reading, made
 from gtsam_nav.graph.robust import CUTTING, Robustness
 from gtsam_nav.mission import Rejection
 from gtsam_nav.sensors.prediction import chi2_limit
@@ -130,6 +130,8 @@ class _Estimate:
 
     values: Any
     made: list[Any]
+    under_kernels: dict[int, Any] = field(default_factory=dict)
+    """Some of them under the readings' own kernels, once that was asked for."""
 
     @cached_property
     def _residuals(self) -> list[Array]:
@@ -166,27 +168,31 @@ class _Batch:
         self.graph = gtsam.NonlinearFactorGraph()
         for entry in entries:
             start = entry.gaussian if entry.sensor in TRUSTED else entry.at_first
-            self.graph.push_back(start if at_first else entry.factor)
+            self.graph.add(start if at_first else entry.factor)
         self.readings = [reading for brought in problem.readings for reading in brought]
         self.gated = np.array([reading.is_gated for reading in self.readings], dtype=bool)
         cuts = np.array([r.robustness.kernel in CUTTING for r in self.readings], dtype=bool)
         self.doubted = self.gated | cuts
         self.cuts = bool(np.any(cuts)) or any(e.robustness.kernel in CUTTING for e in entries)
-        self._limits: Array | None = None
+        # a limit is known once somebody asks how many rows a reading tells; no less than of one
+        self._least = np.array([self._limit(i, 1) for i in range(len(self.readings))])
+        self._limits = np.where(self.gated, np.nan, np.inf)
         self.weighs = np.array([r.robustness.kernel != "none" for r in self.readings], dtype=bool)
 
     def at(self, values: Any) -> _Estimate:
         """The readings made anew at given values."""
-        made = [reading.make(values.atNavState) for reading in self.readings]
-        return _Estimate(values, made)
+        return _Estimate(values, made(self.readings, values.atNavState))
 
     def factors(
         self, estimate: _Estimate, used: BoolArray, doubted: Robustness | None = None
     ) -> Any:
         """Factors of used readings under their own kernels, or the doubted ones under another."""
         graph = gtsam.NonlinearFactorGraph()
+        known = estimate.under_kernels if doubted is None else {}
         for i in np.flatnonzero(used).tolist():
-            graph.push_back(factors.robust(estimate.made[i], self._robustness(i, doubted)))
+            if i not in known:
+                known[i] = factors.robust(estimate.made[i], self._robustness(i, doubted))
+            graph.add(known[i])
         return graph
 
     def weights(
@@ -258,8 +264,7 @@ class _Batch:
     def _solved_once(
         self, estimate: _Estimate, used: BoolArray, doubted: Robustness | None = None
     ) -> _Estimate:
-        for k in range(1, len(self.problem.t)):
-            self.problem.set_gravity(k, estimate.values.atNavState(X(k - 1)))
+        self.problem.set_all_gravity(estimate.values)
         whole = gtsam.NonlinearFactorGraph(self.graph)
         whole.push_back(self.factors(estimate, used, doubted))
         return self.at(solve_batch(whole, estimate.values, self.problem.is_stiff))
@@ -286,14 +291,18 @@ class _Batch:
         return squared
 
     def limits(self, estimate: _Estimate) -> Array:
-        """Of the squared normalised residual of each gated reading; infinite for others."""
-        if self._limits is None:
-            self._limits = np.full(len(self.readings), np.inf)
-            for i in np.flatnonzero(self.gated).tolist():
-                probability = self.readings[i].robustness.gate_probability
-                assert probability is not None
-                self._limits[i] = chi2_limit(probability, len(_rows(estimate, i).b))
-        return self._limits
+        """Of the squared normalised residual of each gated reading; infinite for others.
+
+        Of one that is clearly below, no more than what is a limit at least.
+        """
+        near = np.isnan(self._limits) & (estimate.squared > CLEAR_SHARE * self._least)
+        for i in np.flatnonzero(near).tolist():
+            self._limits[i] = self._limit(i, len(_rows(estimate, i).b))
+        return np.where(np.isnan(self._limits), self._least, self._limits)
+
+    def _limit(self, i: int, rows: int) -> float:
+        probability = self.readings[i].robustness.gate_probability
+        return np.inf if probability is None else chi2_limit(probability, rows)
 
 
 def _rows(estimate: _Estimate, i: int) -> _Rows:

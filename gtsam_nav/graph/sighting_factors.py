@@ -9,7 +9,7 @@ import gtsam
 import numpy as np
 
 from gtsam_nav.frames import Array
-from gtsam_nav.graph.factors import LinearFactor, Trio, nav_state
+from gtsam_nav.graph.factors import LinearFactor, Trio, displaced, nav_state
 
 Pair = tuple[Any, Any]
 
@@ -25,29 +25,42 @@ class SightingSlopes:
     turn: Array
 
 
-def sighting(
-    key: int, landmark: int, offset_b: Array, by_offset: Array, residual: Array, sigma: Array
-) -> Any:
+def sighting(key: int, landmark: int, measured_b: Array, root: Array) -> Any:
     """A sighting, linear about the landmark's present offset ``R_nb' (l_n - p_n)`` from the body.
 
     The native residual is that offset less a measured one: here the one at which the linearised
-    sighting would agree, weighed along range and bearing. Made anew at each estimate, it is the
-    sighting's own least squares once that no longer moves.
+    sighting would agree (`step_back`), weighed along range and bearing. Made anew at each estimate,
+    it is the sighting's own least squares once that no longer moves.
 
     Parameters
     ----------
-    offset_b : ndarray, shape (3,)
-    by_offset : ndarray, shape (m, 3)
-        Jacobian of the sighting's residual (m,) in the offset.
-    residual, sigma : ndarray, shape (m,)
-        Of the sighting at that offset.
+    measured_b : ndarray, shape (3,)
+    root : ndarray, shape (9, 9)
+        Of the information, as `offset_roots` has it.
     """
-    measured_b = offset_b + _step(by_offset, residual)
-    root = np.zeros((9, 9))
-    root[: len(residual), 3:6] = by_offset / sigma[:, None]
     noise = gtsam.noiseModel.Gaussian.SqrtInformation(root, False)
-    measured = nav_state(np.eye(3), measured_b, np.zeros(3))
-    return gtsam.BetweenFactorNavState(key, landmark, measured, noise)
+    return gtsam.BetweenFactorNavState(key, landmark, displaced(measured_b), noise)
+
+
+def offset_roots(by_offset: Array, sigma: Array) -> Array:
+    """Square roots (n, 9, 9) of what sightings tell of the position of one NavState in another.
+
+    Parameters
+    ----------
+    by_offset : ndarray, shape (n, m, 3)
+        Jacobians of their residuals (n, m) in the offset.
+    sigma : ndarray, shape (n, m)
+    """
+    roots = np.zeros((len(sigma), 9, 9))
+    roots[:, : sigma.shape[1], 3:6] = by_offset / sigma[:, :, None]
+    return roots
+
+
+def step_back(offset: Array, by_offset: Array, residual: Array) -> Array:
+    """Offsets (..., 3) after the shortest step that takes their residuals (..., m) away."""
+    gram = by_offset @ np.swapaxes(by_offset, -1, -2) + 1e-18 * np.eye(residual.shape[-1])
+    along = np.linalg.solve(gram, residual[..., None])
+    return np.asarray(offset - (np.swapaxes(by_offset, -1, -2) @ along)[..., 0])
 
 
 def level_sighting(
@@ -69,15 +82,10 @@ def level_sighting(
     root[: len(residual), :3] = slopes.turn / sigma[:, None]
     root[: len(residual), 3:6] = -slopes.offset / sigma[:, None]
     noise = gtsam.noiseModel.Gaussian.SqrtInformation(root, False)
-    p_n = states[0].position() - states[1].position() - R_nb @ _step(slopes.offset, residual)
+    step_b = step_back(np.zeros(3), slopes.offset, residual)
+    p_n = states[0].position() - states[1].position() - R_nb @ step_b
     measured = nav_state(R_nb, p_n, np.zeros(3))
     return gtsam.BetweenFactorNavState(landmark, key, measured, noise)
-
-
-def _step(by_offset: Array, residual: Array) -> Array:
-    """The shortest step of an offset that takes its residual away, shape (3,)."""
-    gram = by_offset @ by_offset.T + 1e-18 * np.eye(len(residual))
-    return np.asarray(-by_offset.T @ np.linalg.solve(gram, residual))
 
 
 def scaled_sighting(

@@ -21,7 +21,8 @@ from gtsam_nav.graph.backend import Covariances, graph_of, planar_rows
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.loop_judging import judged
 from gtsam_nav.graph.online import match_factor
-from gtsam_nav.graph.problem import Problem, Reading, SensorFactor
+from gtsam_nav.graph.problem import Problem, SensorFactor
+from gtsam_nav.graph.readings import Reading
 from gtsam_nav.graph.scan_matching import PlanarPose, ScanMatch, between, relative_pose
 from gtsam_nav.graph.settings import SubmapLoopSettings
 from gtsam_nav.graph.settling import Settled, settle

@@ -12,15 +12,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-import gtsam
 import numpy as np
 
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.measurements import constraints
 from gtsam_nav.graph.measurements.gnss import VELOCITY_OUTLIER
-from gtsam_nav.graph.problem import Problem, Reading, TimingEffect
-from gtsam_nav.graph.sensor_posterior import tangent_width
+from gtsam_nav.graph.problem import Problem, TimingEffect
+from gtsam_nav.graph.readings import Reading
+from gtsam_nav.graph.sensor_posterior import SYMBOL_BITS, keyframe_of, tangent_width
 from gtsam_nav.mission import Mission
 from gtsam_nav.sensors.noise import GnssNoise
 from gtsam_nav.sonar.preparation import scans_at_once
@@ -121,11 +121,12 @@ def timing_effect(
         Where the graph is linearised.
     """
     course = _Course.of(problem, values)
-    effect = [
-        course.slopes(factor, t, values)
-        @ np.array([error.shares(problem, sensor, reason) for error in errors]).T
-        for sensor, reason, t, factor in _measurements(problem, used)
-    ]
+    effect = []
+    for sensor, reason, t, factor in _measurements(problem, used):
+        shares = np.array([error.shares(problem, sensor, reason) for error in errors]).T
+        moves = np.any(shares)
+        slopes = course.slopes(factor, t, values) if moves else np.zeros((factor.dim(), 2))
+        effect.append(slopes @ shares)
     return TimingEffect(
         names=tuple(error.name for error in errors),
         sigma_s=np.array([error.sigma_s for error in errors]),
@@ -179,8 +180,8 @@ class _Course:
         slopes, first = np.zeros((len(b), 2)), 0
         for key in list(linear.keys()):
             width = tangent_width(key)
-            if chr(gtsam.Symbol(key).chr()) == "x":
-                slopes += A[:, first : first + width] @ self._rates(gtsam.Symbol(key).index(), t)
+            if chr(key >> SYMBOL_BITS) == "x":
+                slopes += A[:, first : first + width] @ self._rates(keyframe_of(key), t)
             first += width
         return slopes
 
@@ -192,9 +193,10 @@ class _Course:
         R_bn = self.R_nb[k].T
         omega_b, v_n, a_n = self.omega_b[k], self.v_n[k], self.a_n[k]
         if t is not None:
+            a = min(max(int(np.searchsorted(self.t, t)) - 1, 0), len(self.t) - 2)
+            f = min(max((t - self.t[a]) / (self.t[a + 1] - self.t[a]), 0.0), 1.0)
             omega_b, v_n, a_n = (
-                np.array([np.interp(t, self.t, axis) for axis in of.T])
-                for of in (self.omega_b, self.v_n, self.a_n)
+                (1.0 - f) * of[a] + f * of[a + 1] for of in (self.omega_b, self.v_n, self.a_n)
             )
         down_b = R_bn[:, 2]
         level2 = float(down_b[1:] @ down_b[1:])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -9,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from gtsam_nav.graph import factors
-from gtsam_nav.graph.problem import Problem, Reading, SensorFactor
+from gtsam_nav.graph.problem import Problem, SensorFactor
+from gtsam_nav.graph.readings import Reading, made
 from gtsam_nav.mission import Rejection
 from gtsam_nav.solution import RobustWeights
 
@@ -66,8 +68,9 @@ def weighed(
     """
     believed = {id(reading) for reading in used}
     rows = list(_of_entries(problem, matches, values))
-    for reading in (reading for brought in problem.readings for reading in brought):
-        e, kernel = _norm(reading.make(values.atNavState), values), reading.robustness.kernel
+    readings = [reading for brought in problem.readings for reading in brought]
+    for reading, factor in zip(readings, made(readings, values.atNavState), strict=True):
+        e, kernel = _norm(factor, values), reading.robustness.kernel
         is_used = id(reading) in believed
         rows.append(
             Weighed(
@@ -90,7 +93,7 @@ def _of_entries(
 ) -> Iterator[Weighed]:
     timed = [
         (float(problem.t[k]), k, entry)
-        for k, brought in enumerate(problem.factors)
+        for k, brought in enumerate(problem.factors)  # the IMU's have no kernel
         for entry in brought
     ]
     timed += [(t, -1, entry) for t, entry in matches]  # these have an index
@@ -98,13 +101,15 @@ def _of_entries(
         kernel = entry.robustness.kernel
         if kernel == "none" and entry.index is None:
             continue
-        e, weight = _norm(entry.gaussian, values), entry.weight_at(values)
+        e = _norm(entry.gaussian, values)
+        weight = factors.weight(entry.robustness, e)
         index = k if entry.index is None else entry.index
         yield Weighed(entry.sensor, "", index, kernel, kernel != "none", True, t, e, weight)
 
 
 def _norm(factor: Any, values: Any) -> float:
-    return float(np.linalg.norm(factor.whitenedError(values)))
+    e = factor.whitenedError(values)
+    return math.sqrt(e @ e)
 
 
 def robust_weights(rows: Sequence[Weighed]) -> dict[str, RobustWeights]:

@@ -10,13 +10,16 @@ from gtsam_nav.config import Config, load_config
 from gtsam_nav.frames import Array, rotation_from_rpy
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import B, X
+from gtsam_nav.graph.indeterminacy import check_anchored
 from gtsam_nav.graph.measurements import build_problem
 from gtsam_nav.graph.measurements.imu import silences
-from gtsam_nav.graph.preintegration import integrate_anew
+from gtsam_nav.graph.preintegration import SECOND_ORDER_SIGMAS
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.mission import InitialState, Mission, Sensor
 from gtsam_nav.preprocess.alignment import align
 from gtsam_nav.preprocess.inertial_motion import inertial_motion
+from gtsam_nav.preprocess.strapdown import gravity_at
+from gtsam_nav.sensors.noise import ImuNoise
 from gtsam_nav.series import ImuSeries
 from gtsam_nav.simulation.inertia import ideal_imu
 from gtsam_nav.simulation.marina import ORIGIN, marina
@@ -67,7 +70,7 @@ def test_preintegration_predicts_the_next_keyframe(begin: float) -> None:
         factors.nav_state(R, p, v) for R, p, v in zip(ends.R_nb, ends.p_n, ends.v_n, strict=True)
     )
     bias = gtsam.imuBias.ConstantBias()
-    step.parameters.n_gravity = factors.gravity_at(np.zeros(3), ORIGIN)
+    step.parameters.n_gravity = gravity_at(np.zeros(3), ORIGIN)
     assert step.pim.deltaTij() == pytest.approx(span_s, abs=1e-9)
     predicted = step.pim.predict(before, bias)
     np.testing.assert_allclose(predicted.position(), after.position(), atol=1e-2)
@@ -118,7 +121,7 @@ def test_a_silence_is_bridged_at_constant_velocity_and_said() -> None:
     grown = coasting.pim.preintMeasCov() - working.pim.preintMeasCov()
     assert np.all(np.diag(grown) > 0)
     graph = gtsam.NonlinearFactorGraph()
-    for entry in problem.factors[3]:
+    for entry in problem.brought(3):
         graph.add(entry.factor)
     values = gtsam.Values()
     values.insert(X(2), moving)
@@ -178,16 +181,40 @@ def test_readings_are_integrated_anew_where_the_bias_is_another() -> None:
     step = problem.steps[1]
     assert step is not None
     assert abs(step.pim.predict(still, believed).position()[2]) > 0.05
-    count = len(problem.factors[1])
-    assert integrate_anew(problem, 1, believed)
-    assert not integrate_anew(problem, 1, believed)
+    problem.integrate_at(1, believed)
     step = problem.steps[1]
     assert step is not None
     np.testing.assert_allclose(step.pim.predict(still, believed).position(), 0.0, atol=1e-3)
-    assert len(problem.factors[1]) == count
-    (imu,) = (e for e in problem.factors[1] if isinstance(e.gaussian, gtsam.ImuFactor2))
+    (imu,) = (e for e in problem.brought(1) if isinstance(e.gaussian, gtsam.ImuFactor2))
     values = gtsam.Values()
     for k in (0, 1):
         values.insert(X(k), still)
     values.insert(B(0), believed)
     np.testing.assert_allclose(imu.gaussian.unwhitenedError(values), 0.0, atol=1e-3)
+
+
+@pytest.mark.parametrize("moved", [1e-4, 1e-3, 1e-2])
+def test_what_the_linear_factor_leaves_out_stays_within_the_noise(moved: float) -> None:
+    """Kept where its second order is a small share of the readings' noise, else done anew."""
+    problem, believed = biased_rest(np.array([moved, 0.0, 0.0]), 5.0)
+    step = problem.steps[1]
+    assert step is not None
+    noise_m_s = ImuNoise().accel_noise_density_m_s2_sqrt_hz * np.sqrt(5.0)
+    still = factors.nav_state(np.eye(3), np.zeros(3), np.zeros(3))
+    left_out_m_s = abs(step.pim.predict(still, believed).velocity()[2])
+    assert step._second_order_sigmas(believed) == pytest.approx(left_out_m_s / noise_m_s, rel=0.3)
+    problem.integrate_at(1, believed)
+    later = problem.steps[1]
+    assert later is not None
+    assert (later is step) == (left_out_m_s / noise_m_s < SECOND_ORDER_SIGMAS)
+    predicted = later.pim.predict(still, believed)
+    assert abs(predicted.velocity()[2]) < 1.5 * SECOND_ORDER_SIGMAS * noise_m_s
+
+
+def test_readings_are_not_integrated_before_a_bias_is_believed() -> None:
+    problem, believed = biased_rest(np.array([1e-4, 0.0, 0.0]), 5.0)
+    check_anchored(problem)
+    problem.integrate_at(1, believed)
+    step = problem.steps[1]
+    assert step is not None
+    np.testing.assert_array_equal(step.pim.biasHat().vector(), believed.vector())

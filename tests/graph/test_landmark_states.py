@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import gtsam
 import numpy as np
@@ -14,7 +15,7 @@ from gtsam_nav.frames import rotation_from_rpy, wrap_angle
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import L, S, X
 from gtsam_nav.graph.measurements.landmarks import TOO_NEAR
-from gtsam_nav.graph.measurements.sightings import Seen
+from gtsam_nav.graph.measurements.sightings import Seen, SightingFactors
 from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.mission import InitialState, LandmarkMap, Mission, Sensor
 from gtsam_nav.preprocess.landmark_placing import NO_PARALLAX
@@ -43,6 +44,11 @@ def robot(mission: Mission) -> Mission:
 @pytest.fixture(scope="module")
 def survey() -> LandmarkMap:
     return LandmarkMap(WORLD.landmark_id, WORLD.landmarks_n, np.full(len(WORLD.landmark_id), 0.05))
+
+
+def factor_of(seen: Seen, states: dict[int, Any]) -> Any:
+    (factor,) = SightingFactors([seen])([0], states.__getitem__)
+    return factor
 
 
 def se2_rmse_m(solution: Solution) -> float:
@@ -201,7 +207,7 @@ def test_a_made_factor_is_that_of_the_sensor_model(elevation: bool, level: bool)
     values = gtsam.Values()
     for key, state in states.items():
         values.insert(key, state)
-    made = Seen(0, int(L(0)), seen, sensor, level, excess=2.0).make(states.__getitem__)
+    made = factor_of(Seen(0, int(L(0)), seen, sensor, level, excess=2.0), states)
     A, b = made.linearize(values).jacobian()
     m = len(seen.measured)
     whiten = np.linalg.inv(np.linalg.cholesky(2.0 * seen.cov))
@@ -324,8 +330,7 @@ def test_a_scaled_sighting_is_that_of_the_sensor_model(seed: int) -> None:
     values = gtsam.Values()
     for key, state in states.items():
         values.insert(key, state)
-    scaled = Seen(0, int(L(0)), seen, sensor, False, scale_key=int(S(0)))
-    factor = scaled.make(states.__getitem__)
+    factor = factor_of(Seen(0, int(L(0)), seen, sensor, False, scale_key=int(S(0))), states)
     body = BodyState(R_nb, p_n, np.zeros(3))
     model = predict(body, landmark_n, seen, sensor, range_scale=0.07)
     whiten = np.diag(1 / np.sqrt(np.diag(model.cov)))
@@ -366,7 +371,7 @@ def test_a_level_landmark_knows_no_depth_beside_a_range_scale_either() -> None:
         values = gtsam.Values()
         for key, state in states.items():
             values.insert(key, state)
-        made = Seen(0, int(L(0)), seen, sensor, True, scale_key=int(S(0))).make(states.__getitem__)
+        made = factor_of(Seen(0, int(L(0)), seen, sensor, True, scale_key=int(S(0))), states)
         found.append(made.linearize(values).jacobian())
     np.testing.assert_allclose(found[0][0], found[1][0], atol=1e-9)
     np.testing.assert_allclose(found[0][1], found[1][1], atol=1e-9)

@@ -19,9 +19,8 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
         return
     series = sensor.series
     assert isinstance(series, DepthSeries)
-    for k, t in enumerate(problem.t):
-        depth_m = float(np.interp(t, series.t, series.depth_m))
-        sigma = float(np.interp(t, series.t, series.sigma))
-        factor = factors.depth(X(k), depth_m, sensor.xyz_b, sigma)
+    depth_m, sigma = (np.interp(problem.t, series.t, of) for of in (series.depth_m, series.sigma))
+    for k, t in enumerate(problem.t.tolist()):
+        factor = factors.depth(X(k), float(depth_m[k]), sensor.xyz_b, float(sigma[k]))
         row = series.row_nearest(t)
         problem.add_gated(k, sensor.name, row, factor, config.graph.robust.depth)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import gtsam
@@ -12,7 +13,8 @@ from gtsam_nav.frames import Array, rotation_from_rpy
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import G, X
 from gtsam_nav.graph.gauss_markov import gauss_markov
-from gtsam_nav.graph.problem import RECEIVER_STRIDE, Problem, Reading, StateAt
+from gtsam_nav.graph.problem import RECEIVER_STRIDE, Problem
+from gtsam_nav.graph.readings import Maker, Reading, StateAt, as_given
 from gtsam_nav.graph.robust import GatedRobustness
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.sensors.noise import GnssNoise
@@ -63,25 +65,41 @@ def _add_positions(
     if shares_error:
         _add_shared_error(problem, gnss.name, number, keyframe, series.sigma, noise)
     arm_b = _arms(problem, gnss, series.t, keyframe)
-    position_noise = [factors.position_noise(own) for own in sigma]
+    if shares_error:
+        noises = [factors.position_noise(own) for own in sigma]
+        errors = [error_key(number, k) for k in keyframe.tolist()]
+        maker = _with_errors(errors, [X(k) for k in keyframe.tolist()], series.p_n, arm_b, noises)
+    else:
+        rows = zip(keyframe.tolist(), series.p_n, arm_b, sigma, strict=True)
+        maker = as_given([factors.gnss(X(k), p_n, arm, own) for k, p_n, arm, own in rows])
     for i, k in enumerate(keyframe.tolist()):
-
-        def make(state_at: StateAt, i: int = i, k: int = k) -> Any:
-            if not shares_error:
-                return factors.gnss(X(k), series.p_n[i], arm_b[i], sigma[i])
-            p_n = series.p_n[i] - state_at(X(k)).attitude().matrix() @ arm_b[i]
-            return factors.gnss_with_error(error_key(number, k), X(k), p_n, position_noise[i])
-
         problem.readings[k].append(
             Reading(
                 t=float(series.t[i]),
                 sensor=gnss.name,
                 index=int(series.row[i]),
-                make=make,
+                maker=maker,
+                row=i,
                 robustness=robustness,
                 reason=POSITION_OUTLIER,
             )
         )
+
+
+def _with_errors(
+    errors: list[int], keys: list[int], p_n: Array, arm_b: Array, noises: list[Any]
+) -> Maker:
+    """Fixes of the antenna, less its arm as the body lies at present, with their shared errors."""
+
+    def make(rows: Sequence[int], state_at: StateAt) -> list[Any]:
+        R_nb = np.array([state_at(keys[i]).attitude().matrix() for i in rows])
+        body_n = p_n[rows] - np.einsum("kij,kj->ki", R_nb, arm_b[rows])
+        return [
+            factors.gnss_with_error(errors[i], keys[i], own_n, noises[i])
+            for i, own_n in zip(rows, body_n, strict=True)
+        ]
+
+    return make
 
 
 def _arms(problem: Problem, gnss: Sensor, t: Array, keyframe: IntArray) -> Array:
@@ -143,18 +161,23 @@ def _add_velocities(
     sigma = np.hypot(noise.sigma_velocity_m_s, carried)[:, None] * np.ones(3)
     if level:
         sigma[:, 2] = np.inf
+
+    def make(rows: Sequence[int], state_at: StateAt) -> list[Any]:
+        keys = [X(int(keyframe[i])) for i in rows]
+        R_nb = [state_at(key).attitude().matrix() for key in keys]
+        return [
+            factors.gnss_velocity(key, v_n[i], turning_b[i], R, sigma[i])
+            for i, key, R in zip(rows, keys, R_nb, strict=True)
+        ]
+
     for i, k in enumerate(keyframe.tolist()):
-
-        def make(state_at: StateAt, i: int = i, k: int = k) -> Any:
-            R_nb = state_at(X(k)).attitude().matrix()
-            return factors.gnss_velocity(X(k), v_n[i], turning_b[i], R_nb, sigma[i])
-
         problem.readings[k].append(
             Reading(
                 t=float(series.t[i]),
                 sensor=gnss.name,
                 index=int(series.row[i]),
-                make=make,
+                maker=make,
+                row=i,
                 robustness=robustness,
                 reason=VELOCITY_OUTLIER,
             )

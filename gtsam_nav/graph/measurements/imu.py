@@ -8,12 +8,12 @@ import gtsam
 import numpy as np
 
 from gtsam_nav.config import Config
-from gtsam_nav.frames import Array, Origin
+from gtsam_nav.frames import Array
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import B
 from gtsam_nav.graph.measurements.orientation import add_unmeasured_turn
 from gtsam_nav.graph.measurements.velocity import add_velocity
-from gtsam_nav.graph.preintegration import add_step
+from gtsam_nav.graph.preintegration import InertialStep
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.motion import measures_velocity
@@ -55,21 +55,28 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
     problem.bias = gtsam.imuBias.ConstantBias(np.zeros(3), imu.R_bs.T @ problem.motion.gyro_bias_b)
     _add_biases(problem, imu)
     readings = _readings_between(imu, problem.t)
+    gravity_n = gravity_at(problem.p_n, mission.origin)
+    parameters = factors.imu_parameters(imu, mission.origin)
+    walking = None
+    if config.graph.imu_preintegration == "combined":
+        walking = factors.imu_parameters(imu, mission.origin, combined=True)
     covered = _covered(series, problem.t)
     has_tilt = mission.first("attitude") is not None
     for k in range(1, len(problem.t)):
         if covered[k - 1]:
-            p_n = problem.p_n[k - 1]
-            parameters = factors.imu_parameters(imu, mission.origin, p_n)
-            walking = None
-            if config.graph.imu_preintegration == "combined":
-                walking = factors.imu_parameters(imu, mission.origin, p_n, combined=True)
-            add_step(problem, k, parameters, *readings[k - 1], walking)
+            g_n = gravity_n[k - 1]
+            problem.steps[k] = InertialStep(
+                k,
+                problem.bias,
+                parameters(g_n),
+                *readings[k - 1],
+                walking=walking and walking(g_n),
+            )
         elif problem.measures_velocity and has_tilt:
             add_velocity(problem, k, config)
             add_unmeasured_turn(problem, k)
         else:
-            _coast(problem, k, mission.origin, imu)
+            problem.steps[k] = _coasting(problem, k, gravity_n[k - 1], imu)
             if problem.measures_velocity:
                 add_velocity(problem, k, config)
     instead = "the other sensors carry on" if problem.measures_velocity else "constant velocity"
@@ -124,11 +131,10 @@ def _covered(imu: ImuSeries, t_key: Array) -> BoolArray:
     return covered
 
 
-def _coast(problem: Problem, k: int, origin: Origin | None, imu: Sensor) -> None:
+def _coasting(problem: Problem, k: int, gravity_n: Array, imu: Sensor) -> InertialStep:
     """Constant velocity and attitude, as uncertain as this vehicle's habits make them."""
     series = imu.series
     assert isinstance(series, ImuSeries)
-    gravity_n = gravity_at(problem.p_n[k - 1], origin)
     parameters = gtsam.PreintegrationParams(gravity_n)
     for habit, set_covariance in (
         (_habit(series.t, series.accel_i), parameters.setAccelerometerCovariance),
@@ -141,7 +147,8 @@ def _coast(problem: Problem, k: int, origin: Origin | None, imu: Sensor) -> None
     # the estimated biases are taken off again
     force_b = -problem.R_nb[k - 1].T @ gravity_n + problem.bias.accelerometer()
     readings = np.tile([force_b, problem.bias.gyroscope()], (n, 1, 1))
-    add_step(problem, k, parameters, readings[:, 0], readings[:, 1], np.full(n, span_s / n))
+    dt = np.full(n, span_s / n)
+    return InertialStep(k, problem.bias, parameters, readings[:, 0], readings[:, 1], dt)
 
 
 def _habit(t: Array, readings: Array) -> float:

@@ -17,8 +17,9 @@ from gtsam_nav.config import Config
 from gtsam_nav.frames import Array, rotation_from_rpy
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import L, S, X
-from gtsam_nav.graph.measurements.sightings import Seen
-from gtsam_nav.graph.problem import Problem, Reading, StateAt
+from gtsam_nav.graph.measurements.sightings import Seen, SightingFactors
+from gtsam_nav.graph.problem import Problem
+from gtsam_nav.graph.readings import Reading, StateAt
 from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.preprocess.landmark_placing import Views, place_by_views
 from gtsam_nav.sensors.landmarks import place, sighting, trusted_ids, variance_factors
@@ -147,7 +148,7 @@ class Sightings:
         """Every sighting of a landmark that entered as a reading; the others as rejections."""
         problem, name = self.problem, self.sensor.name
         scale_key = self._range_scale()
-        excess = variance_factors(self.series.t, self.noise)
+        excess, own = variance_factors(self.series.t, self.noise), SightingFactors()
         for i, (landmark, k) in enumerate(
             zip(self.ids.tolist(), self.keyframe.tolist(), strict=True)
         ):
@@ -166,12 +167,14 @@ class Sightings:
                 excess=float(excess[i]),
                 scale_key=scale_key,
             )
+            own.seen.append(seen)
             problem.readings[max(k, entry.k)].append(
                 Reading(
                     t=t,
                     sensor=name,
                     index=row,
-                    make=seen.make,
+                    maker=own,
+                    row=len(own.seen) - 1,
                     robustness=config.graph.robust.landmarks,
                     reason="sighting outlier",
                 )

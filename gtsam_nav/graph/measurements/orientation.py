@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import gtsam
@@ -12,7 +13,8 @@ from gtsam_nav.frames import Array, rotation_from_rpy, wrap_angle
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import M, X
 from gtsam_nav.graph.gauss_markov import gauss_markov
-from gtsam_nav.graph.problem import Problem, Reading, StateAt
+from gtsam_nav.graph.problem import Problem
+from gtsam_nav.graph.readings import Reading, StateAt
 from gtsam_nav.mission import Mission
 from gtsam_nav.sensors.noise import HeadingNoise
 from gtsam_nav.sensors.orientation import headings_true, tilt_at
@@ -67,8 +69,7 @@ def _add_orientations(problem: Problem, mission: Mission, config: Config) -> Non
     for k in range(len(problem.t)):
         if np.isfinite(sigma_yaw[k]):
             sigmas = np.array([sigma_tilt[k], sigma_tilt[k], sigma_yaw[k]])
-            compass = problem.compass[k] if problem.compass else None
-            factor = factors.orientation(compass, X(k), R_measured[k], sigmas)
+            factor = factors.orientation(problem.compass_at(k), X(k), R_measured[k], sigmas)
             problem.add_gated(k, "heading", int(row[k]), factor, config.graph.robust.heading)
         else:
             _add_tilt(problem, mission, k, config)
@@ -78,18 +79,22 @@ def _add_orientations(problem: Problem, mission: Mission, config: Config) -> Non
 def _add_headings(problem: Problem, mission: Mission, config: Config) -> None:
     """Headings alone; their factors take roll and pitch from the present estimate."""
     yaw, sigma, row = _averaged_headings(problem, mission)
+    measured = list(zip(yaw.tolist(), sigma.tolist(), strict=True))
+
+    def make(rows: Sequence[int], state_at: StateAt) -> list[Any]:
+        R_nb = [state_at(X(k)).attitude().matrix() for k in rows]
+        return [
+            factors.heading(problem.compass_at(k), X(k), measured[k][0], R, measured[k][1])
+            for k, R in zip(rows, R_nb, strict=True)
+        ]
+
     for k in np.flatnonzero(np.isfinite(sigma)).tolist():
-
-        def make(state_at: StateAt, k: int = k) -> Any:
-            R_nb = state_at(X(k)).attitude().matrix()
-            compass = problem.compass[k] if problem.compass else None
-            return factors.heading(compass, X(k), float(yaw[k]), R_nb, float(sigma[k]))
-
         reading = Reading(
             t=float(problem.t[k]),
             sensor="heading",
             index=int(row[k]),
-            make=make,
+            maker=make,
+            row=k,
             robustness=config.graph.robust.heading,
             reason="heading outlier",
         )

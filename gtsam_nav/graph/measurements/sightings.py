@@ -1,9 +1,13 @@
-"""One sighting of a landmark as a native factor, made anew at each estimate."""
+"""Sightings of landmarks as native factors, made anew at each estimate: all of a sensor's at once.
+
+As `sensors.landmarks.predict` has them, in arrays: thousands are made many times.
+"""
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -11,7 +15,8 @@ import numpy as np
 from gtsam_nav.frames import Array, skew
 from gtsam_nav.graph import sighting_factors
 from gtsam_nav.graph.factors import X
-from gtsam_nav.graph.problem import StateAt
+from gtsam_nav.graph.readings import StateAt
+from gtsam_nav.graph.sighting_factors import SightingSlopes
 from gtsam_nav.mission import Sensor
 from gtsam_nav.sensors.landmarks import NO_DIRECTION_M, Sighting
 
@@ -43,58 +48,141 @@ class Seen:
     excess: float = 1.0
     scale_key: int | None = None
 
-    def make(self, state_at: StateAt) -> Any:
-        """The native factor, linear about the present estimate.
+    @property
+    def leans(self) -> bool:
+        """Whether a tilt of the body counts beside the landmark's offset from it."""
+        return self.scale_key is not None or (self.level and not self.planar)
 
-        As `sensors.landmarks.predict` has it: thousands of sightings are made anew many times.
-        """
-        body, landmark = state_at(X(self.k)), state_at(self.key)
-        R_nb = body.attitude().matrix()
-        offset_b = R_nb.T @ (landmark.position() - body.position())
-        counted_b = offset_b - self.sensor.xyz_b
-        if self.level:
-            counted_b = counted_b - R_nb[2] * (R_nb[2] @ counted_b)
-        values, by_point = _polar(self.sensor.R_bs.T @ counted_b, self.values.elevation is not None)
-        by_scale: Array = np.zeros(len(values))
-        scale = None if self.scale_key is None else state_at(self.scale_key)
-        if scale is not None:
-            by_scale[0] = values[0]
-            values[0] += scale.position()[0] * values[0]
-            by_point[0] += scale.position()[0] * by_point[0]
-        by_offset = by_point_b = by_point @ self.sensor.R_bs.T
-        if self.level:
-            by_offset = by_offset - np.outer(by_offset @ R_nb[2], R_nb[2])
-        residual = values - self.values.polar
-        residual[1:] = (residual[1:] + np.pi) % (2 * np.pi) - np.pi
-        residual[~np.any(by_point, axis=1)] = 0.0
-        rows, sigma = self.values.rows, math.sqrt(self.excess) * self.values.sigma
-        if scale is None and (self.planar or not self.level):
-            return sighting_factors.sighting(
-                X(self.k), self.key, offset_b, by_offset[rows], residual[rows], sigma
-            )
-        by_turn = by_point_b @ skew(counted_b) + by_offset @ skew(self.sensor.xyz_b)
-        slopes = sighting_factors.SightingSlopes(by_offset[rows], by_turn[rows])
-        if scale is None:
-            return sighting_factors.level_sighting(
-                X(self.k), self.key, (body, landmark), slopes, residual[rows], sigma
-            )
-        keys, states = (X(self.k), self.key, self.scale_key), (body, landmark, scale)
-        return sighting_factors.scaled_sighting(
-            keys, states, slopes, by_scale[rows], residual[rows], sigma
+
+@dataclass(frozen=True)
+class _Expected:
+    """What is expected of n sightings at an estimate.
+
+    Attributes
+    ----------
+    offset_b, counted_b : ndarray, shape (n, 3)
+        Of the landmarks from the body; and what of it the sensor sees, from its arm on.
+    residual, by_scale : ndarray, shape (n, 3)
+        Of range, bearing and elevation, zero where not measured; and its derivative in the scale.
+    by_offset, by_point : ndarray, shape (n, 3, 3)
+        Its derivatives in the landmark's offset, along body axes; and before level ones lose depth.
+    """
+
+    offset_b: Array
+    counted_b: Array
+    residual: Array
+    by_scale: Array
+    by_offset: Array
+    by_point: Array
+
+
+@dataclass(frozen=True)
+class SightingFactors:
+    """The native factors of a sensor's sightings, linear about the present estimate."""
+
+    seen: list[Seen] = field(default_factory=list)
+
+    def __call__(self, rows: Sequence[int], state_at: StateAt) -> list[Any]:
+        """Those of some sightings."""
+        index = np.asarray(rows)
+        some = [self.seen[i] for i in rows]
+        bodies = [state_at(X(own.k)) for own in some]
+        landmarks = [state_at(own.key) for own in some]
+        scale = self._scale(state_at)
+        R_nb = np.array([body.attitude().matrix() for body in bodies])
+        apart = [
+            landmark.position() - body.position()
+            for body, landmark in zip(bodies, landmarks, strict=True)
+        ]
+        share = 0.0 if scale is None else float(scale.position()[0])
+        at = self._expected(index, R_nb, np.array(apart), share)
+        sigma = self._arrays["sigma"][index]
+        plain = sighting_factors.step_back(at.offset_b, at.by_offset, at.residual)
+        roots = sighting_factors.offset_roots(at.by_offset, sigma)
+        made = []
+        for i, own in enumerate(some):
+            if own.leans:
+                states = (bodies[i], landmarks[i], scale)
+                made.append(self._leaning(own, states, at, i, sigma[i]))
+            else:
+                made.append(sighting_factors.sighting(X(own.k), own.key, plain[i], roots[i]))
+        return made
+
+    def _scale(self, state_at: StateAt) -> Any:
+        """The state of the ranges' scale; None where it is known: the same of all sightings."""
+        key = self.seen[0].scale_key
+        return None if key is None else state_at(key)
+
+    @cached_property
+    def _arrays(self) -> dict[str, Array]:
+        """What was measured, by which sensor: range, bearing, elevation, NaN where not."""
+        of = [own.values for own in self.seen]
+        polar = np.array([(s.range_m, s.bearing, s.elevation) for s in of], dtype=float)
+        sigma = np.array([(s.sigma_range, s.sigma_bearing, s.sigma_bearing) for s in of])
+        sigma *= np.sqrt([own.excess for own in self.seen])[:, None]
+        return {
+            "polar": polar,
+            "sigma": np.where(np.isnan(polar), 1.0, sigma),
+            "R_bs": np.array([own.sensor.R_bs for own in self.seen]),
+            "xyz_b": np.array([own.sensor.xyz_b for own in self.seen]),
+            "level": np.array([own.level for own in self.seen], dtype=float),
+        }
+
+    def _expected(self, index: Any, R_nb: Array, apart_n: Array, scale: float) -> _Expected:
+        """Residuals and slopes of some sightings; ``apart_n`` are the landmarks less the bodies."""
+        R_bs, xyz_b, polar, level = (
+            self._arrays[name][index] for name in ("R_bs", "xyz_b", "polar", "level")
         )
+        down_b = R_nb[:, 2]
+        offset_b = np.einsum("nji,nj->ni", R_nb, apart_n)
+        counted_b = offset_b - xyz_b
+        deep = level * np.einsum("ni,ni->n", down_b, counted_b)
+        counted_b -= deep[:, None] * down_b
+        values, by_point = _polar(np.einsum("nji,nj->ni", R_bs, counted_b))
+        by_scale = np.zeros_like(values)
+        by_scale[:, 0] = values[:, 0]
+        values[:, 0] *= 1.0 + scale
+        by_point[:, 0] *= 1.0 + scale
+        residual = values - polar
+        residual[:, 1:] = (residual[:, 1:] + np.pi) % (2 * np.pi) - np.pi
+        by_point[np.isnan(polar)] = by_scale[np.isnan(polar)] = 0.0
+        residual[~np.any(by_point, axis=2)] = 0.0
+        by_point = by_point @ np.swapaxes(R_bs, 1, 2)
+        along_down = np.einsum("nmi,ni->nm", by_point, down_b) * level[:, None]
+        by_offset = by_point - along_down[:, :, None] * down_b[:, None]
+        return _Expected(offset_b, counted_b, residual, by_scale, by_offset, by_point)
+
+    def _leaning(
+        self, own: Seen, states: tuple[Any, Any, Any], at: _Expected, i: int, sigma: Array
+    ) -> Any:
+        """A sighting on which the body's tilt tells."""
+        rows = own.values.rows
+        by_turn = at.by_point[i] @ skew(at.counted_b[i]) + at.by_offset[i] @ skew(own.sensor.xyz_b)
+        slopes = SightingSlopes(at.by_offset[i][rows], by_turn[rows])
+        residual, sigma = at.residual[i][rows], sigma[rows]
+        if own.scale_key is None:
+            return sighting_factors.level_sighting(
+                X(own.k), own.key, states[:2], slopes, residual, sigma
+            )
+        keys = (X(own.k), own.key, own.scale_key)
+        by_scale = at.by_scale[i][rows]
+        return sighting_factors.scaled_sighting(keys, states, slopes, by_scale, residual, sigma)
 
 
-def _polar(p_s: Array, elevation: bool) -> tuple[Array, Array]:
-    """Range, bearing[, elevation] of a point in sensor axes, and their Jacobian (m, 3)."""
-    x, y, z = p_s.tolist()
-    level, distance = math.hypot(x, y), math.hypot(x, y, z)
-    values, jacobian = np.zeros(3), np.zeros((3, 3))
-    values[:] = distance, math.atan2(y, x), math.atan2(-z, level)
-    if distance > NO_DIRECTION_M:
-        jacobian[0] = x / distance, y / distance, z / distance
-    if level > NO_DIRECTION_M:
-        jacobian[1, :2] = -y / level**2, x / level**2
-        jacobian[2] = x * z / level, y * z / level, -level
-        jacobian[2] /= distance**2
-    m = 3 if elevation else 2
-    return values[:m], jacobian[:m]
+def _polar(p_s: Array) -> tuple[Array, Array]:
+    """Range, bearing and elevation of points (n, 3) in sensor axes, and their Jacobian (n, 3, 3).
+
+    It is zero where a point has no direction.
+    """
+    x, y, z = p_s.T
+    level = np.hypot(x, y)
+    distance = np.hypot(level, z)
+    values = np.stack([distance, np.arctan2(y, x), np.arctan2(-z, level)], axis=1)
+    far = np.where(distance > NO_DIRECTION_M, distance, np.inf)
+    aside = np.where(level > NO_DIRECTION_M, level, np.inf)
+    jacobian = np.zeros((len(p_s), 3, 3))
+    jacobian[:, 0] = p_s / far[:, None]
+    jacobian[:, 1, 0], jacobian[:, 1, 1] = -y / aside**2, x / aside**2
+    jacobian[:, 2, 0], jacobian[:, 2, 1] = x * z / (aside * far**2), y * z / (aside * far**2)
+    jacobian[:, 2, 2] = -np.where(np.isfinite(aside), level, 0.0) / far**2
+    return values, jacobian

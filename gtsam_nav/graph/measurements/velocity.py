@@ -91,7 +91,5 @@ def _add_increments(
 
 def add_velocity(problem: Problem, k: int, config: Config) -> None:
     """The motion's own smoothed velocity at a keyframe."""
-    motion = problem.motion
-    sigma = float(np.interp(problem.t[k], motion.t, motion.sigma_v))
-    factor = factors.velocity(X(k), problem.v_b[k], sigma)
+    factor = factors.velocity(X(k), problem.v_b[k], float(problem.sigma_v[k]))
     problem.add(k, "velocity", factor, config.graph.robust.velocity)
