@@ -248,7 +248,7 @@ def _solution(
         loops=(
             *loop_closures(solved.matches, t_scans, solved.scan_keyframe, values, robust.loops),
             *cloud_loop_closures(loops, problem, values, robust.loops),
-            *stated_closures(stated, problem.t, values, robust.loops),
+            *stated_closures(stated, mission, values, robust.loops),
         ),
         rejections=(
             *mission.rejections,

@@ -17,7 +17,7 @@ from gtsam_nav.graph.refinement import Refined
 from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.graph.scan_matching import LOOP, SCAN_MATCH, ScanMatch
 from gtsam_nav.graph.sensor_posterior import CALIBRATION, SensorPosterior, free_part
-from gtsam_nav.mission import Rejection
+from gtsam_nav.mission import Mission, Rejection
 from gtsam_nav.series import IntArray
 from gtsam_nav.solution import LandmarkEstimates, LoopClosure, SlowStates
 from gtsam_nav.trajectory import Trajectory
@@ -157,24 +157,27 @@ def loop_closures(
 
 
 def stated_closures(
-    edges: Sequence[KeyframeEdge], t_keyframes: Array, values: Any, robustness: Robustness
+    stated: Sequence[KeyframeEdge], mission: Mission, values: Any, robustness: Robustness
 ) -> tuple[LoopClosure, ...]:
     """The loops that the mission's edges close: all are accepted, with their weight."""
+    edges = mission.edges
+    if edges is None:
+        return ()
+    q, sigma = edges.q, np.sqrt(np.diagonal(edges.cov, axis1=1, axis2=2))
     closures = []
-    for e in edges:
+    for e in stated:
         if not e.is_loop:
             continue
-        sigma = np.sqrt(np.diag(e.cov))
         closures.append(
             LoopClosure(
-                t_a=float(t_keyframes[e.a]),
-                t_b=float(t_keyframes[e.b]),
-                dx_m=float(e.q[0]),
-                dy_m=float(e.q[1]),
-                dyaw=float(e.q[2]),
-                sigma_x_m=float(sigma[0]),
-                sigma_y_m=float(sigma[1]),
-                sigma_yaw=float(sigma[2]),
+                t_a=float(edges.t[e.row, 0]),
+                t_b=float(edges.t[e.row, 1]),
+                dx_m=float(q[e.row, 0]),
+                dy_m=float(q[e.row, 1]),
+                dyaw=float(q[e.row, 2]),
+                sigma_x_m=float(sigma[e.row, 0]),
+                sigma_y_m=float(sigma[e.row, 1]),
+                sigma_yaw=float(sigma[e.row, 2]),
                 score=np.nan,
                 verdict="accepted",
                 reason="",

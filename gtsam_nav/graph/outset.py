@@ -20,6 +20,7 @@ from gtsam_nav.graph.robust import check_sigmas
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.alignment import Alignment, align
 from gtsam_nav.preprocess.compass_steps import without_compass_steps
+from gtsam_nav.preprocess.edge_motion import edge_motion, moves_by_edges
 from gtsam_nav.preprocess.identified import identified, unidentified
 from gtsam_nav.preprocess.inertial_motion import inertial_motion
 from gtsam_nav.preprocess.landmark_start import landmark_start
@@ -85,6 +86,9 @@ def start_and_motion(mission: Mission, config: Config) -> tuple[Alignment, Vehic
     Without a compass the fixes turn the motion too.
     """
     start = align(mission)
+    if moves_by_edges(mission):
+        start = replace(start, sigma_rpy=np.full(3, start.sigma_rpy[2]))
+        return start, edge_motion(mission, start)
     if not measures_velocity(mission):
         return start, inertial_motion(mission, start, config.motion)
     if not start.georeferenced and config.landmarks.use_map:
@@ -120,11 +124,13 @@ def _start_on_map(mission: Mission, config: Config) -> Alignment | None:
 
 def mission_keyframes(mission: Mission, t_scans: Array, t_clouds: Array, config: Config) -> Array:
     """Keyframes at edges' poses, scans, clouds and sightings; where the IMU carries all, at fixes
-    and silences too."""
+    and silences too. Where edges do, there is nothing between their poses."""
     anchors = [t_scans, t_clouds, *(sensor.series.t for sensor in mission.of_type("landmarks"))]
     if mission.edges is not None:
         anchors.insert(0, mission.edges.t.ravel())
     interval_s = config.graph.keyframe_interval_s
+    if moves_by_edges(mission):
+        interval_s = float(np.ptp(mission.span_s))
     imu = preintegrable(mission, config.graph.imu_min_rate_hz)
     if imu is not None and not measures_velocity(mission):
         assert isinstance(imu.series, ImuSeries)

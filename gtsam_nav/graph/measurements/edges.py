@@ -23,13 +23,14 @@ from gtsam_nav.trajectory import SAME_TIME_S
 
 @dataclass(frozen=True)
 class KeyframeEdge:
-    """Keyframe b in the axes of keyframe a: forward, starboard and yaw, with their covariance;
-    ``row`` is its place among the mission's edges."""
+    """Keyframe b in the axes of keyframe a, with its information as `PoseEdges` has it; ``row`` is
+    its place among the mission's edges."""
 
     a: int
     b: int
-    q: Array
-    cov: Array
+    R_ab: Array
+    p_a: Array
+    information: Array
     row: int
 
     @property
@@ -40,7 +41,7 @@ class KeyframeEdge:
     @cached_property
     def factor(self) -> Any:
         """As a factor with Gaussian noise."""
-        return factors.planar_match(X(self.a), X(self.b), self.q, self.cov)
+        return factors.stated_pose(X(self.a), X(self.b), self.R_ab, self.p_a, self.information)
 
     def weight_at(self, values: Any, robustness: Robustness) -> float:
         """What a kernel leaves of the edge at given values."""
@@ -50,14 +51,15 @@ class KeyframeEdge:
 
 def keyframe_edges(t_keyframes: Array, mission: Mission) -> Iterator[KeyframeEdge]:
     """The mission's edges whose poses are keyframes."""
-    if mission.edges is None:
+    edges = mission.edges
+    if edges is None:
         return
-    t = mission.edges.t
+    t = edges.t
     nearest = np.searchsorted(0.5 * (t_keyframes[1:] + t_keyframes[:-1]), t, side="right")
     there = np.all(np.abs(t_keyframes[nearest] - t) < SAME_TIME_S, axis=1)
     for n in np.flatnonzero(there).tolist():
         a, b = nearest[n].tolist()
-        yield KeyframeEdge(a, b, mission.edges.q[n], mission.edges.cov[n], n)
+        yield KeyframeEdge(a, b, edges.R_ab[n], edges.p_a[n], edges.information[n], n)
 
 
 def joined(t_keyframes: Array, mission: Mission) -> BoolArray:
