@@ -24,6 +24,7 @@ from gtsam_nav.graph.doubts import (
     unmeasured_height,
     unsure_for_echoes,
 )
+from gtsam_nav.graph.exact_edges import refine_exactly
 from gtsam_nav.graph.exported import pose_graph
 from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.false_loops import loop_faults
@@ -335,6 +336,8 @@ def _refined(
         joint = JointRefinement(sonar.echoes, sonar.turns, problem, config.graph.refinement)
         return graph, joint.run(graph, settled.values, progress)
     graph.push_back(graph_of([*match_factors, *cloud_loops]))
+    if problem.exact:
+        return refine_exactly(graph, settled.values, problem)
     return graph, refine_without_sonar(graph, settled.values, problem)
 
 

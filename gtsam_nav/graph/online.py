@@ -36,6 +36,9 @@ from gtsam_nav.sonar.scans import Scan, planar_rotations
 MOST_UPDATES = 1000
 """Of iSAM2: each takes time in proportion to the mission so far, since what all of it shares, such
 as the compass's constant bias, changes with each."""
+MOST_STATED_UPDATES = 100
+"""Where the mission is a pose graph: its closures make each update costly, and none is found on the
+way."""
 RECENT_SCANS = 6
 """Of a scanner whose scans are taken at once: so many together are what the next one is compared
 with."""
@@ -100,7 +103,8 @@ def run_online(
     done = _Running(Backend(problem))
     scans, closes_loops = (sonar.scans, not sonar.at_once) if sonar else ([], False)
     poses: list[PlanarPose] = []
-    step = max(config.graph.keyframes_per_update, -(-len(problem.t) // MOST_UPDATES))
+    most = MOST_STATED_UPDATES if problem.has_stated_loops else MOST_UPDATES
+    step = max(config.graph.keyframes_per_update, -(-len(problem.t) // most))
     for begin in range(0, len(problem.t), step):
         end = min(begin + step, len(problem.t))
         for k in range(begin, end):

@@ -7,16 +7,18 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import gtsam
 import numpy as np
 
 from gtsam_nav.config import Config
 from gtsam_nav.frames import Array
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import X
-from gtsam_nav.graph.problem import Problem
+from gtsam_nav.graph.problem import Problem, StateAt
 from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.graph.scan_matching import LOOP
 from gtsam_nav.mission import Mission
+from gtsam_nav.preprocess.edge_motion import moves_by_edges
 from gtsam_nav.series import BoolArray
 from gtsam_nav.trajectory import SAME_TIME_S
 
@@ -42,6 +44,24 @@ class KeyframeEdge:
     def factor(self) -> Any:
         """As a factor with Gaussian noise."""
         return factors.stated_pose(X(self.a), X(self.b), self.R_ab, self.p_a, self.information)
+
+    def by_logarithm(self, state_at: StateAt) -> Any:
+        """The factor near given states whose residual is the logarithm, on SE(3), of the pose of b
+        in where it should be, as GTSAM's graphs of poses have it.
+
+        That of two NavStates takes turn and shift apart; value and derivative are made the same.
+        """
+        a, b = (state_at(X(k)).pose() for k in (self.a, self.b))
+        R_ab, p_a = a.rotation().matrix().T @ b.rotation().matrix(), a.transformTo(b.translation())
+        stated = gtsam.Pose3(gtsam.Rot3(self.R_ab), self.p_a)
+        error = gtsam.Pose3.Logmap(stated.between(a.between(b)))
+        apart = np.zeros((6, 6))
+        apart[:3, :3] = gtsam.Rot3.LogmapDerivative(error[:3])
+        apart[3:, 3:] = gtsam.Rot3.Expmap(error[:3]).matrix()
+        into_log = gtsam.Pose3.LogmapDerivative(error) @ np.linalg.inv(apart)
+        information = into_log.T @ self.information @ into_log
+        shifted = p_a - R_ab @ error[3:]
+        return factors.stated_pose(X(self.a), X(self.b), self.R_ab, shifted, information)
 
     def weight_at(self, values: Any, robustness: Robustness) -> float:
         """What a kernel leaves of the edge at given values."""
@@ -73,8 +93,11 @@ def joined(t_keyframes: Array, mission: Mission) -> BoolArray:
 
 def add(problem: Problem, mission: Mission, config: Config) -> None:
     """Every edge as it stands; those that close loops under the loops' kernel."""
-    robust = config.graph.robust
+    robust, are_all = config.graph.robust, moves_by_edges(mission)
     for edge in keyframe_edges(problem.t, mission):
         kernel = robust.loops if edge.is_loop else robust.velocity
         sensor = LOOP if edge.is_loop else "velocity"
-        problem.add(max(edge.a, edge.b), sensor, edge.factor, kernel, edge.row)
+        entry = problem.add(max(edge.a, edge.b), sensor, edge.factor, kernel, edge.row)
+        problem.has_stated_loops |= edge.is_loop
+        if are_all:
+            problem.exact.append((entry, edge.by_logarithm))
