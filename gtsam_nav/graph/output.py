@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from gtsam_nav.frames import Array, quaternion_from_rotation
-from gtsam_nav.graph.backend import Covariances
+from gtsam_nav.graph.block_covariances import joint_covariances
 from gtsam_nav.graph.exported import match_weight
 from gtsam_nav.graph.factors import B
 from gtsam_nav.graph.measurements.edges import KeyframeEdge
@@ -27,12 +27,13 @@ def smoothed_covariances(
     graph: Any, keys: list[int], posterior: SensorPosterior, is_stiff: bool = False
 ) -> list[Array]:
     """Marginal covariances of the variables' free parts, the constant errors' share included."""
-    without = Covariances(graph, posterior.system.values, is_stiff)
+    alone = [(key,) for key in keys]
+    without = joint_covariances(graph, posterior.system.values, alone, is_stiff)
     covariances = []
-    for key in keys:
+    for key, cov in zip(keys, without, strict=True):
         own, free = posterior.system.columns[key], free_part(key)
         spread = posterior.spread[own]
-        covariances.append(without.joint([key])[free, free] + spread @ spread.T)
+        covariances.append(cov[free, free] + spread @ spread.T)
     return covariances
 
 
