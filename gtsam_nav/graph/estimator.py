@@ -231,6 +231,7 @@ def _solution(
 ) -> Solution:
     """What is told of it."""
     problem, settled, values = solved.problem, solved.settled, solved.refined.values
+    online = solved.online
     robust, mission, t_scans = ready.config.graph.robust, echoes.mission, echoes.t_scans
     loops = solved.cloud_loops.loops
     stated = list(keyframe_edges(problem.t, mission))
@@ -245,7 +246,7 @@ def _solution(
         trajectory=trajectory,
         mission=mission,
         georeferenced=is_georeferenced(problem, settled, mission),
-        online=keyframe_trajectory(problem.t, solved.online.states, solved.online.covariances),
+        online=keyframe_trajectory(problem.t[online.keyframes], online.states, online.covariances),
         loops=(
             *loop_closures(solved.matches, t_scans, solved.scan_keyframe, values, robust.loops),
             *cloud_loop_closures(loops, problem, values, robust.loops),
