@@ -313,12 +313,11 @@ def relative_pose(a: int, b: int, pose: RelativePose) -> Any:
     return gtsam.BetweenFactorNavState(a, b, measured, noise)
 
 
-def stated_pose(a: int, b: int, R_ab: Array, p_a: Array, information: Array) -> Any:
-    """The same of a pose whose information (turn, then shift) may lack components: zeros."""
-    tells = np.flatnonzero(np.diagonal(information))
-    root = np.zeros((9, 9))
-    root[np.ix_(tells, tells)] = np.linalg.cholesky(information[np.ix_(tells, tells)]).T
-    noise = gtsam.noiseModel.Gaussian.SqrtInformation(root, False)
+def stated_pose(a: int, b: int, R_ab: Array, p_a: Array, root: Array) -> Any:
+    """The same by a square root (6, 6) of its information, turn first, which may lack rows."""
+    whole = np.zeros((9, 9))
+    whole[:6, :6] = root
+    noise = gtsam.noiseModel.Gaussian.SqrtInformation(whole, False)
     return gtsam.BetweenFactorNavState(a, b, nav_state(R_ab, p_a, np.zeros(3)), noise)
 
 

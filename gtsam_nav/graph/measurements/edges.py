@@ -41,9 +41,18 @@ class KeyframeEdge:
         return abs(self.b - self.a) > 1
 
     @cached_property
+    def root(self) -> Array:
+        """Of the information, shape (6, 6)."""
+        tells = np.flatnonzero(np.diagonal(self.information))
+        root = np.zeros((6, 6))
+        own = np.ix_(tells, tells)
+        root[own] = np.linalg.cholesky(self.information[own]).T
+        return root
+
+    @cached_property
     def factor(self) -> Any:
         """As a factor with Gaussian noise."""
-        return factors.stated_pose(X(self.a), X(self.b), self.R_ab, self.p_a, self.information)
+        return factors.stated_pose(X(self.a), X(self.b), self.R_ab, self.p_a, self.root)
 
     def by_logarithm(self, state_at: StateAt) -> Any:
         """The factor near given states whose residual is the logarithm, on SE(3), of the pose of b
@@ -59,9 +68,8 @@ class KeyframeEdge:
         apart[:3, :3] = gtsam.Rot3.LogmapDerivative(error[:3])
         apart[3:, 3:] = gtsam.Rot3.Expmap(error[:3]).matrix()
         into_log = gtsam.Pose3.LogmapDerivative(error) @ np.linalg.inv(apart)
-        information = into_log.T @ self.information @ into_log
         shifted = p_a - R_ab @ error[3:]
-        return factors.stated_pose(X(self.a), X(self.b), self.R_ab, shifted, information)
+        return factors.stated_pose(X(self.a), X(self.b), self.R_ab, shifted, self.root @ into_log)
 
     def weight_at(self, values: Any, robustness: Robustness) -> float:
         """What a kernel leaves of the edge at given values."""
