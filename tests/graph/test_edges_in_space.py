@@ -80,6 +80,15 @@ def test_every_edge_is_used_and_every_loop_told(solution: Solution) -> None:
     assert (first.t_a, first.t_b, first.sigma_x_m) == (0.0, 5.0, pytest.approx(0.02))
 
 
+def test_a_false_closure_is_left_without_weight(grid: Path, tmp_path: Path) -> None:
+    figures = grid.read_text().splitlines()[-1].split()[10:]
+    false = " ".join(["EDGE_SE3:QUAT 0 26 9 9 9 0 0 0 1", *figures])
+    (tmp_path / "false.g2o").write_text(f"{grid.read_text()}{false}\n")
+    bent, straight = solved(tmp_path / "false.g2o"), solved(grid)
+    assert bent.loops[-1].weight == pytest.approx(0.0, abs=1e-3)
+    np.testing.assert_allclose(bent.trajectory.p_n, straight.trajectory.p_n, atol=0.03)
+
+
 def test_large_residuals_are_weighed_as_on_se3(tmp_path: Path) -> None:
     """Turns and shifts apart, as NavStates have them, lead to another optimum here."""
     source = Path(gtsam.findExampleDataFile("sphere2500.txt")).read_text(encoding="ascii")
