@@ -129,12 +129,12 @@ def _start_on_map(mission: Mission, config: Config) -> Alignment | None:
 
 def mission_keyframes(mission: Mission, t_scans: Array, t_clouds: Array, config: Config) -> Array:
     """Keyframes at edges' poses, scans, clouds and sightings; where the IMU carries all, at fixes
-    and silences too. Where edges do, there is nothing between their poses."""
+    and silences too."""
     anchors = [t_scans, t_clouds, *(sensor.series.t for sensor in mission.of_type("landmarks"))]
     if mission.edges is not None:
         anchors.insert(0, mission.edges.t.ravel())
     interval_s = config.graph.keyframe_interval_s
-    if moves_by_edges(mission):
+    if moves_by_edges(mission):  # there is nothing between their poses
         interval_s = float(np.ptp(mission.span_s))
     imu = preintegrable(mission, config.graph.imu_min_rate_hz)
     if imu is not None and not measures_velocity(mission):
