@@ -89,7 +89,8 @@ def read_graph_lines(
     progress("read mission", 1.0)
     cut = _cut_off(rests, line, n_numbers, last)
     if cut:
-        rests[cut].pop(), line[cut].pop()
+        rests[cut].pop()
+        line[cut].pop()
     numbers = {
         word: _numbers(word, own, line[word], n_numbers[word], path) for word, own in rests.items()
     }
