@@ -108,10 +108,8 @@ def inspect(
         return
 
     rest = f", at rest for at least the first {found.rest_s:.0f} s" if found.rest_s else ""
-    show(
-        sensor_table(found),
-        "",
-    )
+    if found.sensors:
+        show(sensor_table(found), "")
     if found.findings:
         show(finding_table(found.findings), "")
     if found.edges:

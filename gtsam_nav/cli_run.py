@@ -129,7 +129,8 @@ def open_cropped(
 
     opened = open_mission(path, progress, card)
     cropped = opened.crop(start_s, stop_s)
-    if not any(len(sensor.series) for sensor in cropped.sensors.values()):
+    holds = any(len(sensor.series) for sensor in cropped.sensors.values())
+    if not holds and cropped.edges is None:
         first, last = opened.span_s
         raise DataError(
             f"no sample between {start_s:g} and {stop_s:g} s; "

@@ -36,6 +36,12 @@ def _has_motion(mission: Mission) -> bool:
     return _has_velocity(mission) or _has_imu(mission)
 
 
+def _moves(mission: Mission) -> bool:
+    from gtsam_nav.preprocess.edge_motion import moves_by_edges
+
+    return _has_motion(mission) or moves_by_edges(mission)
+
+
 def _has_landmarks(mission: Mission) -> bool:
     return mission.first("landmarks") is not None
 
@@ -63,7 +69,7 @@ _METHODS = {
     "scan-match": _Method("gtsam_nav.ekf.scan_match", (_has_sonar, _has_velocity)),
     "pose-ekf": _Method("gtsam_nav.ekf.pose_slam", (_has_sonar, _has_velocity)),
     "kiss": _Method("gtsam_nav.odometry.dead_reckoning", (_has_clouds,)),
-    "graph": _Method("gtsam_nav.graph.estimator", (_has_motion,)),
+    "graph": _Method("gtsam_nav.graph.estimator", (_moves,)),
 }
 
 

@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from gtsam_nav.frames import Array, Origin
+from gtsam_nav.pose_edges import PoseEdges
 from gtsam_nav.series import SERIES_TYPES, IntArray, Series
 
 SonarKind = Literal["recorded", "simulated"]
@@ -127,49 +128,6 @@ class Relations:
 
 
 @dataclass(frozen=True)
-class PoseEdges:
-    """Relative poses that somebody made of other measurements: the edges of a pose graph.
-
-    Attributes
-    ----------
-    t : ndarray, shape (n, 2)
-        When the vehicle was where its axes are the frame, and when it was at the pose, s.
-    q : ndarray, shape (n, 3)
-        The pose: forward, starboard (m) and yaw (rad, clockwise).
-    cov : ndarray, shape (n, 3, 3)
-        Of ``q``.
-    """
-
-    t: Array
-    q: Array
-    cov: Array
-
-    def __len__(self) -> int:
-        return len(self.t)
-
-    @property
-    def n_loops(self) -> int:
-        """How many join poses that do not follow each other: those are a second apart at most."""
-        return int(np.sum(np.abs(self.t[:, 1] - self.t[:, 0]) > 1))
-
-    @property
-    def span_s(self) -> tuple[float, float]:
-        """First and last pose."""
-        return float(self.t.min()), float(self.t.max())
-
-    def crop(self, start_s: float, stop_s: float) -> PoseEdges | None:
-        """The edges of which both poses lie in start <= t < stop; None without any."""
-        inside = np.all((self.t >= start_s) & (self.t < stop_s), axis=1)
-        if not np.any(inside):
-            return None
-        return PoseEdges(self.t[inside], self.q[inside], self.cov[inside])
-
-    def shift(self, offset_s: float) -> PoseEdges:
-        """The same edges with an offset added to their times."""
-        return replace(self, t=self.t + offset_s)
-
-
-@dataclass(frozen=True)
 class Opening:
     """How a mission was opened, so that it can be opened so again.
 
@@ -219,7 +177,8 @@ class Mission:
     relations : Relations or None
         Ground truth, as the reference is.
     edges : PoseEdges or None
-        Of a mission that is a pose graph with loops; its odometry holds the same steps.
+        Of a mission that is a pose graph with loops or in space; in the plane its odometry holds
+        the same steps.
     faults : tuple of str
         Specifications of the faults that were injected into it.
     rejections : tuple of Rejection

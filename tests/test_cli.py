@@ -602,3 +602,18 @@ def test_the_installed_command_ends_with_the_same_codes(tmp_path: Path) -> None:
     )
     assert (ended.returncode, ended.stdout) == (3, "")
     assert ended.stderr.startswith("error: ")
+
+
+@pytest.mark.usefixtures("no_report")
+def test_a_pose_graph_in_space_is_inspected_and_run(tmp_path: Path, gtsam_nav: CommandLine) -> None:
+    upper = " ".join(map(str, np.eye(6)[np.triu_indices(6)]))
+    steps = ((0, 1, "1 0 1 0 1 0 1"), (1, 2, "1 1 0 1 0 0 1"), (2, 3, "0 1 1 0 0 0 1"))
+    lines = [f"EDGE_SE3:QUAT {a} {b} {step} {upper}\n" for a, b, step in steps]
+    path = tmp_path / "some.g2o"
+    path.write_text("".join(lines))
+    told = gtsam_nav("inspect", path).out
+    assert "3 edges of a pose graph, 0 of which close loops" in told
+    assert "methods that can run: graph" in told
+    assert gtsam_nav("run", path, "--out", tmp_path / "out").code == 0
+    assert (tmp_path / "out" / "graph" / "trajectory.csv").is_file()
+    assert gtsam_nav("run", path, "--start", 9, "--out", tmp_path / "none").code == 3

@@ -28,6 +28,7 @@ LAYERS = (
     {"solution"},
     {"trajectory"},
     {"mission"},
+    {"pose_edges"},
     {"series"},
     {"settings", "frames", "errors", "lazy", "yaml_files"},
 )

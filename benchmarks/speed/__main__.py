@@ -1,11 +1,11 @@
 """How fast it is: ``python -m benchmarks.speed [--stpere PATH] [--aces PATH] [--check]``.
 
 Sections, all or those after ``--only``: startup, graphs (against the barest GTSAM script),
-preintegration (against a bare loop), pose_graphs (city10000, those of ``--pose-graph``), growth;
-with ``--stpere`` also stages (of that mission) and registration (against small_gicp and Open3D,
-extra ``benchmark``); with ``--aces`` registration_aces, the same on a laser's scans. Each
-comparison is made in one process on the same input; figures are medians, ratios are compared with
-``benchmarks/speed_baseline.json``.
+preintegration (against a bare loop), pose_graphs (city10000, sphere2500, Victoria Park, those of
+``--pose-graph``), growth; with ``--stpere`` also stages (of that mission) and registration (against
+small_gicp and Open3D, extra ``benchmark``); with ``--aces`` registration_aces, the same on a
+laser's scans. Each comparison is made in one process on the same input; figures are medians, ratios
+are compared with ``benchmarks/speed_baseline.json``.
 """
 
 from __future__ import annotations
@@ -106,10 +106,10 @@ def main() -> int:
     parser.add_argument("--only", nargs="+", metavar="SECTION", help="measure no others")
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument(
-        "--long", action="store_true", help="missions of 5 and 10 h too, and city10000 whole"
+        "--long", action="store_true", help="missions of 5 and 10 h too, and pose graphs whole"
     )
     parser.add_argument(
-        "--pose-graph", nargs="+", type=Path, default=[], metavar="G2O", help="planar graphs too"
+        "--pose-graph", nargs="+", type=Path, default=[], metavar="G2O", help="these graphs too"
     )
     parser.add_argument("--json", type=Path, help="write the figures here")
     parser.add_argument("--check", action="store_true", help="compare the ratios, exit 1 if worse")

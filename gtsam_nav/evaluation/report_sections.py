@@ -252,13 +252,12 @@ def _loops(report: Report) -> Html:
 
 
 def _sensors(report: Report) -> Html:
-    caption = "Every sensor's samples; gaps are white, red was not used."
+    pieces: list[Html] = []
     made = plots.sensor_timeline(foremost(report.solutions))
-    pieces = [
-        report.figure("sensor_timeline", made, caption),
-        element("h3", "GNSS"),
-        tables.gnss_table(report.metrics),
-    ]
+    if made is not None:
+        caption = "Every sensor's samples; gaps are white, red was not used."
+        pieces.append(report.figure("sensor_timeline", made, caption))
+    pieces += [element("h3", "GNSS"), tables.gnss_table(report.metrics)]
     if any(s.robust_weights for s in report.solutions):
         note = (
             "A kernel leaves a measurement the share of its information that its weight says; what "

@@ -82,7 +82,8 @@ def unsure_for_echoes(problem: Problem, online: OnlinePass, echoes: Echoes) -> t
     """Why the echoes are not registered jointly: their map would be as vague as they see far."""
     if problem.measures_velocity or not len(echoes.xy_b):
         return ()
-    filtered = keyframe_trajectory(problem.t, online.states, online.covariances)
+    t = problem.t[online.keyframes]
+    filtered = keyframe_trajectory(t, online.states, online.covariances)
     assert filtered.sigma_p_n is not None
     level_m = float(np.max(filtered.sigma_p_n[:, :2]))
     sight_m = float(np.max(np.linalg.norm(echoes.xy_b, axis=1)))

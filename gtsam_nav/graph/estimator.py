@@ -24,6 +24,7 @@ from gtsam_nav.graph.doubts import (
     unmeasured_height,
     unsure_for_echoes,
 )
+from gtsam_nav.graph.exact_edges import refine_exactly
 from gtsam_nav.graph.exported import pose_graph
 from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.false_loops import loop_faults
@@ -229,6 +230,7 @@ def _solution(
 ) -> Solution:
     """What is told of it."""
     problem, settled, values = solved.problem, solved.settled, solved.refined.values
+    online = solved.online
     robust, mission, t_scans = ready.config.graph.robust, echoes.mission, echoes.t_scans
     loops = solved.cloud_loops.loops
     stated = list(keyframe_edges(problem.t, mission))
@@ -243,11 +245,11 @@ def _solution(
         trajectory=trajectory,
         mission=mission,
         georeferenced=is_georeferenced(problem, settled, mission),
-        online=keyframe_trajectory(problem.t, solved.online.states, solved.online.covariances),
+        online=keyframe_trajectory(problem.t[online.keyframes], online.states, online.covariances),
         loops=(
             *loop_closures(solved.matches, t_scans, solved.scan_keyframe, values, robust.loops),
             *cloud_loop_closures(loops, problem, values, robust.loops),
-            *stated_closures(stated, problem.t, values, robust.loops),
+            *stated_closures(stated, mission, values, robust.loops),
         ),
         rejections=(
             *mission.rejections,
@@ -334,6 +336,8 @@ def _refined(
         joint = JointRefinement(sonar.echoes, sonar.turns, problem, config.graph.refinement)
         return graph, joint.run(graph, settled.values, progress)
     graph.push_back(graph_of([*match_factors, *cloud_loops]))
+    if problem.exact:
+        return refine_exactly(graph, settled.values, problem)
     return graph, refine_without_sonar(graph, settled.values, problem)
 
 

@@ -51,11 +51,11 @@ def pose_graph(
     edges = [
         edge_between(poses, k - 1, k, _motion_information(problem, k))
         for k in range(1, len(poses))
-        if k not in joined
+        if k not in joined and (problem.measures_velocity or problem.uses_imu)
     ]
     for e in stated:
         weight = e.weight_at(values, robustness) if e.is_loop else 1.0
-        edges.append(edge_between(poses, e.a, e.b, weight * _planar_information(e.q, e.cov)))
+        edges.append(edge_between(poses, e.a, e.b, _vaguely_complete(weight * e.information)))
     for m in matches:
         if m.accepted:
             a, b = (int(scan_keyframe[s]) for s in (m.a, m.b))
@@ -103,6 +103,11 @@ def _planar_information(q: Array, cov: Array) -> Array:
     turn = np.eye(3)
     turn[:2, :2] = rotation_from_rpy([0.0, 0.0, q[2]])[:2, :2]
     planar = [3, 4, 2]
-    information = UNKNOWN * np.eye(6)
+    information = np.zeros((6, 6))
     information[np.ix_(planar, planar)] = turn.T @ np.linalg.inv(cov) @ turn
-    return information
+    return _vaguely_complete(information)
+
+
+def _vaguely_complete(information: Array) -> Array:
+    """With next to none instead of none."""
+    return information + np.diag(UNKNOWN * (np.diagonal(information) == 0))

@@ -334,6 +334,14 @@ def relative_pose(a: int, b: int, pose: RelativePose) -> Any:
     return gtsam.BetweenFactorNavState(a, b, measured, noise)
 
 
+def stated_pose(a: int, b: int, R_ab: Array, p_a: Array, root: Array) -> Any:
+    """The same by a square root (6, 6) of its information, turn first, which may lack rows."""
+    whole = np.zeros((9, 9))
+    whole[:6, :6] = root
+    noise = gtsam.noiseModel.Gaussian.SqrtInformation(whole, False)
+    return gtsam.BetweenFactorNavState(a, b, nav_state(R_ab, p_a, np.zeros(3)), noise)
+
+
 def imu_parameters(
     imu: Sensor, origin: Origin | None, *, combined: bool = False
 ) -> Callable[[Array], Any]:

@@ -21,7 +21,11 @@ def merged_anchors(times: Iterable[Array], min_spacing_s: float) -> Array:
     """
     kept = np.empty(0)
     for group in times:
-        for t in np.unique(group):
+        own = np.unique(group)
+        if not len(kept) and np.all(np.diff(own) >= min_spacing_s):
+            kept = own
+            continue
+        for t in own:
             i = int(np.searchsorted(kept, t))
             if all(abs(t - near) >= min_spacing_s for near in kept[max(i - 1, 0) : i + 1]):
                 kept = np.insert(kept, i, t)

@@ -36,6 +36,9 @@ from gtsam_nav.sonar.scans import Scan, planar_rotations
 MOST_UPDATES = 1000
 """Of iSAM2: each takes time in proportion to the mission so far, since what all of it shares, such
 as the compass's constant bias, changes with each."""
+MOST_STATED_UPDATES = 100
+"""Where the mission is a pose graph: its closures make each update costly, and none is found on the
+way."""
 RECENT_SCANS = 6
 """Of a scanner whose scans are taken at once: so many together are what the next one is compared
 with."""
@@ -51,13 +54,16 @@ class OnlinePass:
     ----------
     values : gtsam.Values
         Of everything, as iSAM2 knew it in the end.
+    keyframes : list of int
+        All; of a pose graph those that came last in their update, which alone knew nothing later.
     states, covariances : lists
-        Of each keyframe when it entered.
+        Of each of these when it entered.
     matches : list of ScanMatch
         Every registration, by scan index.
     """
 
     values: Any
+    keyframes: list[int]
     states: list[Any]
     covariances: list[Array]
     matches: list[ScanMatch]
@@ -68,6 +74,7 @@ class _Running:
     """The pass under way; iSAM2's memory goes with it."""
 
     backend: Backend
+    keyframes: list[int] = field(default_factory=list)
     states: list[Any] = field(default_factory=list)
     covariances: list[Array] = field(default_factory=list)
     matches: list[ScanMatch] = field(default_factory=list)
@@ -100,13 +107,16 @@ def run_online(
     done = _Running(Backend(problem))
     scans, closes_loops = (sonar.scans, not sonar.at_once) if sonar else ([], False)
     poses: list[PlanarPose] = []
-    step = max(config.graph.keyframes_per_update, -(-len(problem.t) // MOST_UPDATES))
+    is_stated = problem.has_stated_loops and sonar is None
+    most = MOST_STATED_UPDATES if is_stated else MOST_UPDATES
+    step = max(config.graph.keyframes_per_update, -(-len(problem.t) // most))
     for begin in range(0, len(problem.t), step):
         end = min(begin + step, len(problem.t))
         for k in range(begin, end):
             done.backend.add_keyframe(k)
         done.backend.update()
-        for k in range(begin, end):
+        for k in range(end - 1 if is_stated else begin, end):
+            done.keyframes.append(k)
             done.states.append(done.backend.state(k))
             done.covariances.append(done.backend.covariance(k))
         for s in np.flatnonzero((scan_keyframe >= begin) & (scan_keyframe < end)).tolist():
@@ -118,7 +128,8 @@ def run_online(
                     _take_in(done, false, scan_keyframe, config.graph.robust.loops)
         progress("iSAM2", end / len(problem.t))
     done.backend.update()
-    return OnlinePass(done.backend.values(), done.states, done.covariances, done.matches)
+    values = done.backend.values()
+    return OnlinePass(values, done.keyframes, done.states, done.covariances, done.matches)
 
 
 def _match_scan(

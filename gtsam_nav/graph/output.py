@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from gtsam_nav.frames import Array, quaternion_from_rotation
-from gtsam_nav.graph.backend import Covariances
+from gtsam_nav.graph.block_covariances import joint_covariances
 from gtsam_nav.graph.exported import match_weight
 from gtsam_nav.graph.factors import B
 from gtsam_nav.graph.measurements.edges import KeyframeEdge
@@ -17,7 +17,7 @@ from gtsam_nav.graph.refinement import Refined
 from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.graph.scan_matching import LOOP, SCAN_MATCH, ScanMatch
 from gtsam_nav.graph.sensor_posterior import CALIBRATION, SensorPosterior, free_part
-from gtsam_nav.mission import Rejection
+from gtsam_nav.mission import Mission, Rejection
 from gtsam_nav.series import IntArray
 from gtsam_nav.solution import LandmarkEstimates, LoopClosure, SlowStates
 from gtsam_nav.trajectory import Trajectory
@@ -27,12 +27,13 @@ def smoothed_covariances(
     graph: Any, keys: list[int], posterior: SensorPosterior, is_stiff: bool = False
 ) -> list[Array]:
     """Marginal covariances of the variables' free parts, the constant errors' share included."""
-    without = Covariances(graph, posterior.system.values, is_stiff)
+    alone = [(key,) for key in keys]
+    without = joint_covariances(graph, posterior.system.values, alone, is_stiff)
     covariances = []
-    for key in keys:
+    for key, cov in zip(keys, without, strict=True):
         own, free = posterior.system.columns[key], free_part(key)
         spread = posterior.spread[own]
-        covariances.append(without.joint([key])[free, free] + spread @ spread.T)
+        covariances.append(cov[free, free] + spread @ spread.T)
     return covariances
 
 
@@ -157,24 +158,27 @@ def loop_closures(
 
 
 def stated_closures(
-    edges: Sequence[KeyframeEdge], t_keyframes: Array, values: Any, robustness: Robustness
+    stated: Sequence[KeyframeEdge], mission: Mission, values: Any, robustness: Robustness
 ) -> tuple[LoopClosure, ...]:
     """The loops that the mission's edges close: all are accepted, with their weight."""
+    edges = mission.edges
+    if edges is None:
+        return ()
+    q, sigma = edges.q, np.sqrt(np.diagonal(edges.cov, axis1=1, axis2=2))
     closures = []
-    for e in edges:
+    for e in stated:
         if not e.is_loop:
             continue
-        sigma = np.sqrt(np.diag(e.cov))
         closures.append(
             LoopClosure(
-                t_a=float(t_keyframes[e.a]),
-                t_b=float(t_keyframes[e.b]),
-                dx_m=float(e.q[0]),
-                dy_m=float(e.q[1]),
-                dyaw=float(e.q[2]),
-                sigma_x_m=float(sigma[0]),
-                sigma_y_m=float(sigma[1]),
-                sigma_yaw=float(sigma[2]),
+                t_a=float(edges.t[e.row, 0]),
+                t_b=float(edges.t[e.row, 1]),
+                dx_m=float(q[e.row, 0]),
+                dy_m=float(q[e.row, 1]),
+                dyaw=float(q[e.row, 2]),
+                sigma_x_m=float(sigma[e.row, 0]),
+                sigma_y_m=float(sigma[e.row, 1]),
+                sigma_yaw=float(sigma[e.row, 2]),
                 score=np.nan,
                 verdict="accepted",
                 reason="",

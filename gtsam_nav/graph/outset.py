@@ -20,6 +20,7 @@ from gtsam_nav.graph.robust import check_sigmas
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.alignment import Alignment, align
 from gtsam_nav.preprocess.compass_steps import without_compass_steps
+from gtsam_nav.preprocess.edge_motion import edge_motion, moves_by_edges
 from gtsam_nav.preprocess.identified import identified, unidentified
 from gtsam_nav.preprocess.inertial_motion import inertial_motion
 from gtsam_nav.preprocess.landmark_start import landmark_start
@@ -85,22 +86,30 @@ def start_and_motion(mission: Mission, config: Config) -> tuple[Alignment, Vehic
     Without a compass the fixes turn the motion too.
     """
     start = align(mission)
-    if not measures_velocity(mission):
+    if not mission.sensors:  # the first pose is the frame, tilt and all
+        start = replace(start, sigma_rpy=np.full(3, start.sigma_rpy[2]))
+    if not moves_by_edges(mission) and not measures_velocity(mission):
         return start, inertial_motion(mission, start, config.motion)
     if not start.georeferenced and config.landmarks.use_map:
         start = _start_on_map(mission, config) or start
-    motion = vehicle_motion(mission, start, config.motion)
+    motion = _moved(mission, start, config)
     if start.georeferenced and not start.heading_known:
         turn = turn_onto_fixes(mission, motion)
         if turn is None:
             return replace(start, georeferenced=False), motion
         start = replace(start, rpy=start.rpy + np.array([0.0, 0.0, turn]), heading_known=True)
-        motion = vehicle_motion(mission, start, config.motion)
+        motion = _moved(mission, start, config)
     if mission.initial.p_n is None:
         offset = offset_from_fixes(mission, motion)
         start = replace(start, p_n=start.p_n + offset)
         motion = replace(motion, p_n=motion.p_n + offset)
     return start, motion
+
+
+def _moved(mission: Mission, start: Alignment, config: Config) -> VehicleMotion:
+    if moves_by_edges(mission):
+        return edge_motion(mission, start)
+    return vehicle_motion(mission, start, config.motion)
 
 
 def _start_on_map(mission: Mission, config: Config) -> Alignment | None:
@@ -125,6 +134,8 @@ def mission_keyframes(mission: Mission, t_scans: Array, t_clouds: Array, config:
     if mission.edges is not None:
         anchors.insert(0, mission.edges.t.ravel())
     interval_s = config.graph.keyframe_interval_s
+    if moves_by_edges(mission):  # there is nothing between their poses
+        interval_s = float(np.ptp(mission.span_s))
     imu = preintegrable(mission, config.graph.imu_min_rate_hz)
     if imu is not None and not measures_velocity(mission):
         assert isinstance(imu.series, ImuSeries)

@@ -34,10 +34,10 @@ def on_mission_time(mission: Mission, offsets_s: Mapping[str, float]) -> Mission
     Raises
     ------
     DataError
-        Where no sensor that an estimator could use holds a sample.
+        Where no sensor that an estimator could use holds a sample, and there is no edge.
     """
     mission = _one_stretch(_shifted(mission, offsets_s))
-    if all(s.type == "reference" for s in mission.sensors.values()):
+    if mission.edges is None and all(s.type == "reference" for s in mission.sensors.values()):
         raise DataError(f"mission '{mission.name}' has no usable sensor. {_why_not(mission)}")
     first = [float(s.series.t[0]) for s in mission.sensors.values()]
     zero = min(first if mission.edges is None else [*first, mission.edges.span_s[0]])

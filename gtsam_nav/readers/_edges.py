@@ -1,29 +1,35 @@
-"""Edges of planar pose graphs, whose axes are x forward and y to port, poses one a second."""
+"""Edges of pose graphs, whose axes are x forward, y to port and z up, poses one a second."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
-from gtsam_nav.frames import Array, rotation_from_rpy
-from gtsam_nav.mission import PoseEdges, Rejection
+from gtsam_nav.errors import DataError
+from gtsam_nav.frames import FLU_FROM_FRD, Array, rotation_from_rpy, rpy_from_rotation
+from gtsam_nav.mission import Mission, Rejection
+from gtsam_nav.pose_edges import PoseEdges
 from gtsam_nav.preprocess.cleaning import tidy
-from gtsam_nav.readers._table import read_table
-from gtsam_nav.series import BoolArray, IntArray, OdometrySeries
+from gtsam_nav.readers._clock import on_mission_time
+from gtsam_nav.readers._graph_lines import GraphLines
+from gtsam_nav.readers._matrices import definite
+from gtsam_nav.readers._text import TRUNCATED
+from gtsam_nav.series import IntArray, OdometrySeries
 
+NAME = "edges"
 TO_STARBOARD = np.array([1.0, -1.0, -1.0])
 """From x, y and theta, counter-clockwise, to forward, starboard and yaw."""
-COV_COLUMNS = ("xx", "xy", "xw", "yy", "yw", "ww")
-"""Of the covariance of forward, starboard and yaw: m^2, m rad and rad^2."""
+FLAT = 1e-3
+"""Steps that rise by less, as a share of their length, and tilt by less (rad), lie in the plane."""
+ONTO_ITSELF, NOT_FINITE = "joins a pose to itself", "says nothing finite"
 
 
 def split_edges(
     ends: IntArray, steps: Array, cov: Array, odometry: Mapping[str, Array]
 ) -> tuple[PoseEdges | None, OdometrySeries | None, list[Rejection]]:
-    """A graph's edges, and the odometry that those between neighbours are.
+    """A planar graph's edges, and the odometry that those between neighbours are.
 
     Parameters
     ----------
@@ -45,9 +51,9 @@ def split_edges(
         By the number of the edge.
     """
     apart = np.abs(ends[:, 1] - ends[:, 0])
-    sound = np.all(np.isfinite(steps), axis=1) & _definite(cov)
+    sound = np.all(np.isfinite(steps), axis=1) & definite(cov)
     own = np.flatnonzero((apart <= 1) | ~sound)
-    refused = {"joins a pose to itself": apart == 0, "says nothing finite": (apart > 1) & ~sound}
+    refused = {ONTO_ITSELF: apart == 0, NOT_FINITE: (apart > 1) & ~sound}
     series, rejections = tidy(
         OdometrySeries,
         "odometry",
@@ -59,41 +65,104 @@ def split_edges(
     rejections = [replace(r, index=int(own[r.index])) for r in rejections]
     loops = sound & (apart > 1)
     kept = sound & (apart > 0)
-    edges = _edges(ends[kept], steps[kept], cov[kept]) if np.any(loops) else None
+    edges = _planar(ends[kept], steps[kept], cov[kept]) if np.any(loops) else None
     return edges, series, rejections
 
 
-def _definite(cov: Array) -> BoolArray:
-    finite = np.all(np.isfinite(cov), axis=(1, 2))
-    smallest = np.linalg.eigvalsh(np.where(finite[:, None, None], cov, -np.eye(3)))[:, 0]
-    return np.asarray(smallest > 0)
-
-
-def _edges(ends: IntArray, steps: Array, cov: Array) -> PoseEdges:
+def _planar(ends: IntArray, steps: Array, cov: Array) -> PoseEdges:
     turn = rotation_from_rpy(np.column_stack([np.zeros((len(steps), 2)), steps[:, 2]]))
     to_first = TO_STARBOARD[:, None] * turn
-    return PoseEdges(
+    return PoseEdges.in_plane(
         t=ends.astype(float),
         q=steps * TO_STARBOARD,
         cov=to_first @ cov @ np.swapaxes(to_first, 1, 2),
     )
 
 
-def read_edges(path: Path) -> tuple[PoseEdges | None, int]:
-    """The edges that a mission folder holds, and how many of the file's are none.
+def are_flat(R_ab: Array, p_a: Array) -> bool:
+    """Whether relative poses, what is finite of them, neither climb nor tilt."""
+    rise = np.abs(p_a[:, 2]) / np.maximum(np.hypot(p_a[:, 0], p_a[:, 1]), 1.0)
+    tilt = np.abs(rpy_from_rotation(R_ab)[:, :2])
+    return not (np.any(rise > FLAT) or np.any(tilt > FLAT))
+
+
+def spatial_edges(
+    ends: IntArray, R_ab: Array, p_a: Array, information: Array
+) -> tuple[PoseEdges | None, list[Rejection]]:
+    """A graph's edges in space.
+
+    Parameters
+    ----------
+    ends : ndarray of int, shape (n, 2)
+        Places of the two poses in their order.
+    R_ab, p_a : ndarray, shapes (n, 3, 3) and (n, 3)
+        The second in the axes of the first.
+    information : ndarray, shape (n, 6, 6)
+        Turn, then shift, along the axes of the second.
+
+    Returns
+    -------
+    edges : PoseEdges or None
+        None where none is of use.
+    rejections : list of Rejection
+        By the number of the edge.
+    """
+    finite = np.all(np.isfinite(R_ab), axis=(1, 2)) & np.all(np.isfinite(p_a), axis=1)
+    joins = ends[:, 0] != ends[:, 1]
+    flip = np.kron(np.eye(2), FLU_FROM_FRD)
+    edges = PoseEdges(
+        t=ends.astype(float),
+        R_ab=FLU_FROM_FRD @ R_ab @ FLU_FROM_FRD,
+        p_a=p_a @ FLU_FROM_FRD,
+        information=flip @ information @ flip,
+    )
+    rejections = [
+        Rejection(np.nan, NAME, n, NOT_FINITE if joins[n] else ONTO_ITSELF)
+        for n in np.flatnonzero(~(finite & joins)).tolist()
+    ]
+    return edges.select(finite & joins), rejections
+
+
+def mission_in_space(
+    name: str, lines: GraphLines, ids: Array, R_ab: Array, p_a: Array, information: Array
+) -> Mission:
+    """The mission that a graph in space is: edges alone, as in `spatial_edges`.
+
+    Parameters
+    ----------
+    ids : ndarray, shape (n, 2)
+        Numbers of the two poses.
 
     Raises
     ------
     DataError
-        Where the file is malformed.
+        Where no edge is of use.
     """
-    table = read_table(path, ("t_from", "t", "x", "y", "yaw_deg", *COV_COLUMNS))
-    c = table.columns
-    t = np.column_stack([c["t_from"], c["t"]])
-    q = np.column_stack([c["x"], c["y"], np.radians(c["yaw_deg"])])
-    cov = np.empty((len(t), 3, 3))
-    upper, right = np.triu_indices(3)
-    cov[:, upper, right] = cov[:, right, upper] = np.column_stack([c[n] for n in COV_COLUMNS])
-    kept = np.all(np.isfinite(np.hstack([t, q])), axis=1) & _definite(cov) & (t[:, 0] != t[:, 1])
-    edges = PoseEdges(t[kept], q[kept], cov[kept]) if np.any(kept) else None
-    return edges, int(np.sum(~kept)) + (table.cut_stamp is not None)
+    poses = np.unique(ids)
+    edges, rejections = spatial_edges(np.searchsorted(poses, ids), R_ab, p_a, information)
+    if edges is None:
+        raise DataError("no edge joins two poses: " + rejections[0].reason, lines.path)
+    if lines.cut:
+        rejections.append(Rejection(np.nan, NAME, len(ids), TRUNCATED))
+    mission = Mission(
+        name=name,
+        sensors={},
+        edges=edges,
+        rejections=tuple(rejections),
+        warnings=tuple(lines.warnings()),
+        sources=(lines.path,),
+    )
+    return on_mission_time(mission, {NAME: 0.0})
+
+
+def refuse_mixture(lines: GraphLines, spatial: Sequence[str], planar: Sequence[str]) -> None:
+    """Raise a DataError where a graph in space has planar lines too: those tell neither the height
+    nor the tilt of the poses that they join."""
+    there = [word for word in planar if len(lines.line[word])]
+    if there:
+        raise DataError(
+            f"lines of {', '.join(there)}, which lie in the plane, among those of"
+            f" {' or '.join(spatial)}, which leave it: a graph is of one kind",
+            lines.path,
+            int(lines.line[there[0]][0]),
+        )

@@ -39,11 +39,12 @@ import numpy as np
 from gtsam_nav.cards import read_yaml
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, Origin
-from gtsam_nav.mission import LandmarkMap, Mission, PoseEdges, Rejection, Sensor
+from gtsam_nav.mission import LandmarkMap, Mission, Rejection, Sensor
+from gtsam_nav.pose_edges import PoseEdges
 from gtsam_nav.preprocess.cleaning import screen, tidy
 from gtsam_nav.preprocess.repeats import without_repeats
 from gtsam_nav.readers._clock import on_mission_time
-from gtsam_nav.readers._edges import read_edges
+from gtsam_nav.readers._edge_table import read_edges
 from gtsam_nav.readers._gnss import Fixes
 from gtsam_nav.readers._mission_yaml import (
     EDGES,

@@ -20,8 +20,9 @@ import yaml
 
 from gtsam_nav.errors import OutputError
 from gtsam_nav.frames import Array, geodetic_from_ned, rpy_from_rotation
-from gtsam_nav.mission import Constraints, InitialState, LandmarkMap, Mission, PoseEdges, Sensor
-from gtsam_nav.readers._edges import COV_COLUMNS
+from gtsam_nav.mission import Constraints, InitialState, LandmarkMap, Mission, Sensor
+from gtsam_nav.pose_edges import PoseEdges
+from gtsam_nav.readers._edge_table import edge_columns
 from gtsam_nav.readers._rejections import COLUMNS, REJECTIONS_FILE
 from gtsam_nav.readers.clouds import cloud_table, load
 from gtsam_nav.readers.layout import GEODETIC_COLUMNS, LAYOUTS, NED_COLUMNS
@@ -264,13 +265,5 @@ def _write_landmark_map(landmarks: LandmarkMap, path: Path) -> None:
 
 
 def _write_edges(edges: PoseEdges, path: Path) -> None:
-    upper, right = np.triu_indices(3)
-    columns = {
-        "t_from": edges.t[:, 0],
-        "t": edges.t[:, 1],
-        "x": edges.q[:, 0],
-        "y": edges.q[:, 1],
-        "yaw_deg": np.degrees(edges.q[:, 2]),
-        **dict(zip(COV_COLUMNS, edges.cov[:, upper, right].T, strict=True)),
-    }
+    columns = edge_columns(edges)
     write_table(path, {name: (values, EXACT) for name, values in columns.items()})

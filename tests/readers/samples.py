@@ -26,6 +26,7 @@ import test_ping360
 import test_plaza
 import test_rosbag
 import test_rtklib
+import test_spatial_graphs
 import test_stpere
 import test_toro
 import test_waterlinked
@@ -272,6 +273,12 @@ SUBJECTS: dict[str, Subject] = {
     "NMEA, gzipped": Subject(gzipped_nmea, open_whole),
     "CARMEN, bzipped": Subject(bzipped_carmen, open_whole),
     "CSV with a card": Subject(card_and_files, open_by_card),
+    "g2o graph in space": Subject(
+        text("sphere.g2o", test_spatial_graphs.GRAPH.splitlines()), open_whole, share=0.5
+    ),
+    "TORO graph in space": Subject(
+        text("sphere.txt", test_spatial_graphs.TORO_GRAPH.splitlines()), open_whole, share=0.5
+    ),
     "Plaza, MATLAB": Subject(test_plaza.mat, open_whole),
     "cloud files": Subject(ply_and_pcd, open_whole),
     "settings": Subject(settings, read_settings, share=0.5),

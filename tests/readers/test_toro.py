@@ -110,7 +110,7 @@ def test_neighbours_without_an_edge_are_counted(tmp_path: Path) -> None:
     ("line", "message"),
     [
         ("ODOMETRY 4 5 1 0 0", "park.txt:3: 5 numbers behind ODOMETRY, where 11 are needed"),
-        (f"ODOMETRY 4 5 x 0 0 {COV}", "park.txt:3: ODOMETRY is followed by something"),
+        (f"ODOMETRY 4 5 x 0 0 {COV}", "park.txt:3: ODOMETRY: 'x' is not a number"),
         (f"ODOMETRY 4.5 5 1 0 0 {COV}", "park.txt:3: ODOMETRY needs whole numbers"),
         ("BR nan 5 1 1 1 1", "park.txt:3: BR needs whole numbers"),
         ("EDGE2 4 5 1 0 0 1 1 1 1 1 1", "the noise of edge 2"),

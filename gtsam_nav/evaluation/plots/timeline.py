@@ -23,11 +23,13 @@ BAR = "#7fa8c9"
 REFERENCE_BAR = "#b9bec4"
 
 
-def sensor_timeline(solution: Solution) -> Figure:
-    """A bar a sensor, broken at its gaps; red where a measurement was not used."""
+def sensor_timeline(solution: Solution) -> Figure | None:
+    """A bar a sensor, broken at its gaps; red where a measurement was not used. None of none."""
     sensors = [s for s in solution.mission.sensors.values() if len(s.series)]
     if solution.reference is not None:
         sensors.append(solution.reference)
+    if not sensors:
+        return None
     figure, (ax,) = new_figure(9.5, 0.9 + 0.36 * len(sensors))
     for row, sensor in enumerate(sensors):
         spans = spans_without_gaps(sensor.series.t)

@@ -16,6 +16,7 @@ from gtsam_nav.graph.gauss_markov import gauss_markov
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.readings import Reading, StateAt
 from gtsam_nav.mission import Mission
+from gtsam_nav.preprocess.edge_motion import moves_by_edges
 from gtsam_nav.sensors.noise import HeadingNoise
 from gtsam_nav.sensors.orientation import headings_true, tilt_at
 from gtsam_nav.series import IntArray
@@ -31,7 +32,7 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
         _add_compass(problem, mission)
         add_one = _add_orientations if measures_tilt else _add_headings
         add_one(problem, mission, config)
-    elif measures_tilt and not problem.planar:
+    elif measures_tilt and not problem.planar and not moves_by_edges(mission):
         for k in range(len(problem.t)):
             _add_tilt(problem, mission, k, config)
 

@@ -11,6 +11,7 @@ from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.measurements.edges import joined
 from gtsam_nav.graph.problem import ConstantError, Displacement, Problem
 from gtsam_nav.mission import Mission
+from gtsam_nav.preprocess.edge_motion import moves_by_edges
 from gtsam_nav.sensors.dvl import water_spells
 from gtsam_nav.sensors.noise import DvlNoise
 from gtsam_nav.sensors.odometry import velocity_calibration_sigma
@@ -22,6 +23,9 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
 
     Yaw turns by the motion too where nothing better turns the vehicle.
     """
+    if moves_by_edges(mission):
+        _add_velocities(problem, config)
+        return
     if not problem.measures_velocity:
         return
     problem.calibration_sigma = velocity_calibration_sigma(mission)
@@ -32,8 +36,7 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
     _add_increments(problem, config, turns, moved_m, stated)
     _add_currents(problem, within_s, current_sigma)
     if not problem.uses_imu:
-        for k in range(len(problem.t)):
-            add_velocity(problem, k, config)
+        _add_velocities(problem, config)
 
 
 def _through_water(problem: Problem, mission: Mission, config: Config) -> tuple[Array, float]:
@@ -87,6 +90,11 @@ def _add_increments(
         factor = factors.increment(X(k - 1), X(k), R_ab, p_a, rotation, sigma_p)
         entry = problem.add(k, "velocity", factor, config.graph.robust.velocity)
         problem.displacements.append(Displacement(k, R_ab, p_a, entry))
+
+
+def _add_velocities(problem: Problem, config: Config) -> None:
+    for k in range(len(problem.t)):
+        add_velocity(problem, k, config)
 
 
 def add_velocity(problem: Problem, k: int, config: Config) -> None:
