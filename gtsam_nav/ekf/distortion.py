@@ -42,7 +42,11 @@ class Distortion:
 
 
 def distortions(
-    data: SonarData, motion: PlanarMotion, yaw_variance_rad2_s: float, settings: PicSettings
+    data: SonarData,
+    motion: PlanarMotion,
+    way_variance_m2: Array,
+    yaw_variance_rad2_s: float,
+    settings: PicSettings,
 ) -> list[Distortion]:
     """Of all scans.
 
@@ -50,7 +54,9 @@ def distortions(
     ----------
     data : SonarData
     motion : PlanarMotion
-        That deskewed them; with the growth of a displacement's variance.
+        That deskewed them.
+    way_variance_m2 : ndarray, shape (n,)
+        Of the way up to each time of the motion, along each axis, but for the heading's error.
     yaw_variance_rad2_s : float
         How fast the heading's error wanders.
     settings : PicSettings
@@ -59,7 +65,8 @@ def distortions(
     bounds = np.searchsorted(echoes.beam, np.stack([turns.first, turns.last]))
     found = []
     for scan, begin, end in zip(data.scans, *bounds, strict=True):
-        moved = _displacements(scan, echoes.t[begin:end], motion, yaw_variance_rad2_s)
+        t = echoes.t[begin:end]
+        moved = _displacements(scan, t, motion, way_variance_m2, yaw_variance_rad2_s)
         whole, _ = response(scan, scan, np.zeros(3), moved, moved, settings)
         found.append(Distortion(moved, whole))
     return found
@@ -81,12 +88,18 @@ def bent(
 
 
 def _displacements(
-    scan: Scan, t: Array, motion: PlanarMotion, yaw_variance_rad2_s: float
+    scan: Scan,
+    t: Array,
+    motion: PlanarMotion,
+    way_variance_m2: Array,
+    yaw_variance_rad2_s: float,
 ) -> Array:
     """Displacements (k, 2, m) of echoes at times (k,) by the error that each piece of time adds.
 
     It moves what lies beyond it, and turns it about where the vehicle then was.
     """
+    if len(t) == 0:
+        return np.zeros((0, 2, 6 * PIECES))
     since = t - scan.t_ref
     edges = [np.linspace(0.0, end, PIECES + 1) for end in (since[0], since[-1])]
     begin = np.concatenate([e[:-1] for e in edges])
@@ -96,7 +109,8 @@ def _displacements(
     about = (ne[:-1] - ne[-1]) @ planar_rotations(yaw[-1])
     lever = scan.xy[:, None] - about
     sigma_yaw = np.sqrt(yaw_variance_rad2_s * np.abs(length))
-    sigma_m = np.sqrt(motion.position_variance_m2_s * np.abs(length))
+    variance_m2 = np.diff([np.interp(scan.t_ref + e, motion.t, way_variance_m2) for e in edges])
+    sigma_m = np.sqrt(np.abs(variance_m2.ravel()))
     turned = (passed * sigma_yaw)[:, None] * np.stack([-lever[..., 1], lever[..., 0]], axis=1)
     shifted = passed * sigma_m
     still = np.zeros_like(shifted)

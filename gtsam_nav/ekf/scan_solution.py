@@ -52,8 +52,8 @@ def scan_solution(
         All that were tried, and those of them that are loops.
     """
     with clock.stage("trajectory"):
-        trajectory = between_scans(track, final)
-        causal = after_scans(track, online)
+        trajectory = between_scans(track, _at_times(track, final))
+        causal = after_scans(track, _at_times(track, online))
     used = [m for m in matches if m.accepted]
     innovations = dict(track.reckoned.innovations)
     if used:
@@ -81,6 +81,13 @@ def scan_solution(
         n_keyframes=len(track),
         stage_s=clock.seconds,
     )
+
+
+def _at_times(track: ScanTrack, history: PoseHistory) -> PoseHistory:
+    """Poses of the scans as those of the vehicle at their times, which their beams may be off."""
+    covs = history.covs.copy()
+    covs[:, :2, :2] += track.frame_cov
+    return PoseHistory(history.poses, covs)
 
 
 def between_scans(track: ScanTrack, history: PoseHistory) -> Trajectory:

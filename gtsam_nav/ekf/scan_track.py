@@ -62,6 +62,8 @@ class ScanTrack:
     frame_yaw_variance : float
         How far the heading at a scan's reference time may be off that of its beams on the whole,
         which is the scan's own: the compass drifts, and its white noise cancels out; rad^2.
+    frame_cov : ndarray, shape (n, 2, 2)
+        And how far the position (north, east) may be off that of its beams, in the same way, m^2.
     distortions : list of Distortion
         What errors of the motion within each scan do to it.
     match_scale_sigma : float
@@ -84,6 +86,7 @@ class ScanTrack:
     first_cov: Array
     drift: CompassDrift | None
     frame_yaw_variance: float
+    frame_cov: Array
     distortions: list[Distortion]
     match_scale_sigma: float
     pic: PicSettings
@@ -115,7 +118,13 @@ class ScanTrack:
 
     def cov_since_last(self, k: int) -> Array:
         """Covariance of the displacement from the scan before scan k, shape (3, 3)."""
-        return np.asarray(self.displacement_cov[self.record[k]])
+        cov = self.displacement_cov[self.record[k]].copy()
+        cov[:2, :2] += self._frames_cov(k)
+        return np.asarray(cov)
+
+    def _frames_cov(self, k: int) -> Array:
+        """Of north and east between the positions of scan k and the one before, (2, 2)."""
+        return np.asarray(self.frame_cov[max(k - 1, 0) : k + 1].sum(axis=0))
 
     def predict(self, k: int, last: Array) -> tuple[Array, Array, Array]:
         """Pose of scan k by dead reckoning from the pose of the scan before.
@@ -146,7 +155,7 @@ class ScanTrack:
         J_last = np.diag([1.0, 1.0, 0.0])
         J_last[:, 2] += turning @ kept
         cov = turning @ self.drift.gained(elapsed_s) @ turning.T
-        cov[:2, :2] += self.filtered.P[self.record[k], :2, :2]
+        cov[:2, :2] += self.filtered.P[self.record[k], :2, :2] + self._frames_cov(k)
         return pose, J_last, cov
 
     def displacement(self, k: int) -> tuple[Array, Array]:
@@ -184,9 +193,11 @@ def follow_scans(mission: Mission, config: Config) -> ScanTrack:
     record = np.searchsorted(reckoned.filtered.t, turns.t_ref)
     motion = _planar_motion(reckoned.filtered, record, drift is not None)
     sonar = deskewed(echoes, turns, motion)
+    way_variance = _way_variance(reckoned.filtered, record)
     noise = SonarNoise.model_validate(_sonar_of(mission).noise)
     pic = _with_floors(config.pic, noise)
     yaw_growth = motion.yaw_variance_rad2_s if drift is None else drift.growth
+    distorted = distortions(sonar, motion, way_variance, yaw_growth, pic)
     beam_s = _sonar_of(mission).series.t
     span_s = float(np.median(beam_s[turns.last - 1] - beam_s[turns.first]))
     displacement_cov = _displacement_cov(reckoned.filtered, record, drift)
@@ -201,7 +212,8 @@ def follow_scans(mission: Mission, config: Config) -> ScanTrack:
         first_cov=_first_cov(displacement_cov[record[0]], drift, span_s),
         drift=drift,
         frame_yaw_variance=_frame_yaw_variance(reckoned.filtered, record, drift, span_s),
-        distortions=distortions(sonar, motion, yaw_growth, pic),
+        distortions=distorted,
+        frame_cov=_frame_cov(distorted, reckoned.filtered, record),
         match_scale_sigma=noise.scale_sigma,
         pic=pic,
         min_points=config.sonar.scans.min_points,
@@ -240,6 +252,19 @@ def _frame_yaw_variance(
     if drift is None:
         return 0.0
     return drift.middle_variance(span_s) + float(np.median(filtered.P[record, YAW, YAW]))
+
+
+def _way_variance(filtered: Filtered, record: IntArray) -> Array:
+    """Of the way up to each record, along each axis, but for the compass's drift, shape (r,)."""
+    level = 0.5 * (filtered.P[:, 0, 0] + filtered.P[:, 1, 1])
+    before = np.append(0.0, np.cumsum(level[record]))
+    return np.asarray(before[np.searchsorted(record, np.arange(len(level)))] + level)
+
+
+def _frame_cov(distorted: list[Distortion], filtered: Filtered, record: IntArray) -> Array:
+    to_n = planar_rotations(filtered.x[record, YAW])
+    moved_n = to_n @ np.array([d.whole[:2] for d in distorted])
+    return np.asarray(moved_n @ np.swapaxes(moved_n, 1, 2))
 
 
 def _displacement_cov(filtered: Filtered, record: IntArray, drift: CompassDrift | None) -> Array:
