@@ -93,7 +93,7 @@ class SonarSimulation(Settings):
     lost_share: float = Field(default=0.005, ge=0, lt=1)
     sigma_range_m: float = Field(default=0.1, gt=0)
     scale_sigma: float = Field(default=0.004, ge=0)
-    match_floor_m: float = Field(default=0.04, ge=0)
+    match_floor_m: float = Field(default=0.03, ge=0)
     match_floor_deg: float = Field(default=0.1, ge=0)
 
     @property
