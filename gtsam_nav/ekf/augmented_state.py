@@ -1,8 +1,9 @@
 """The augmented state of the pose filter: the poses of all scans, with their joint covariance.
 
 Mallios et al. 2014, section 4.3; and ahead of them one constant, the share by which the ways
-between matched scans are too short, which the paper takes for zero. A measurement is of two poses only, so that an update costs one
-pass over the covariance: three columns of ``P H'``, and a correction of rank six.
+between matched scans are too short, which the paper takes for zero. A measurement is of two poses
+and that, so that an update costs one pass over the covariance: three columns of ``P H'``, and a
+correction of rank six.
 """
 
 from __future__ import annotations

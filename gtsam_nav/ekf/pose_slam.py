@@ -70,7 +70,9 @@ class PoseFilter:
         self._track = track
         self._settings = config.pose_ekf
         self._pic = track.pic.model_copy(update={"association": config.pose_ekf.association})
-        self.state = AugmentedState(len(track), track.pose(0), track.first_cov, track.match_scale_sigma)
+        self.state = AugmentedState(
+            len(track), track.pose(0), track.first_cov, track.match_scale_sigma
+        )
         self.matches: list[ScanMatch] = []
         self.entered: list[Array] = [self.state.poses[-1]]
         self.entered_cov: list[Array] = [self.state.marginal(0)]
