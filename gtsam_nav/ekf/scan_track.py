@@ -182,21 +182,17 @@ def follow_scans(mission: Mission, config: Config) -> ScanTrack:
     mission, echoes, left_out, warnings = leave_out_defective_sonar(mission, config.sonar)
     turns = sonar_turns(mission, config.sonar)
     if echoes is None or turns is None:
-        why = "".join(f"; {warning}" for warning in warnings)
-        raise DataError(
-            f"mission '{mission.name}': scan matching needs a turn of a scanning sonar (beams)"
-            f" or scans; the mission has: {', '.join(sorted(mission.sensors))}{why}"
-        )
+        raise _no_scans(mission, warnings)
     drift = CompassDrift.of(mission)
     restarted = (0, 1) if drift is not None else (0, 1, YAW)
     reckoned = dead_reckon(mission, start, config, turns.t_ref, restarted)
     record = np.searchsorted(reckoned.filtered.t, turns.t_ref)
     motion = _planar_motion(reckoned.filtered, record, drift is not None)
     sonar = deskewed(echoes, turns, motion)
-    way_variance = _way_variance(reckoned.filtered, record)
     noise = SonarNoise.model_validate(_sonar_of(mission).noise)
     pic = _with_floors(config.pic, noise)
     yaw_growth = motion.yaw_variance_rad2_s if drift is None else drift.growth
+    way_variance = _way_variance(reckoned.filtered, record)
     distorted = distortions(sonar, motion, way_variance, yaw_growth, pic)
     beam_s = _sonar_of(mission).series.t
     span_s = float(np.median(beam_s[turns.last - 1] - beam_s[turns.first]))
@@ -219,6 +215,14 @@ def follow_scans(mission: Mission, config: Config) -> ScanTrack:
         min_points=config.sonar.scans.min_points,
         rejections=(*mission.rejections, *left_out, *reckoned.rejections),
         warnings=(*mission.warnings, *warnings),
+    )
+
+
+def _no_scans(mission: Mission, warnings: tuple[str, ...]) -> DataError:
+    why = "".join(f"; {warning}" for warning in warnings)
+    return DataError(
+        f"mission '{mission.name}': scan matching needs a turn of a scanning sonar (beams)"
+        f" or scans; the mission has: {', '.join(sorted(mission.sensors))}{why}"
     )
 
 
