@@ -9,7 +9,7 @@ whether successive innovations are independent. With ``--out`` the figures are w
 drawn.
 
 A method is held to the model that it claims (``promised``), and the suite fails where it does not
-hold; others are only measured: the scan filters take every match for independent of all others.
+hold; others are only measured: registration has errors that no covariance of a match knows.
 """
 
 from __future__ import annotations

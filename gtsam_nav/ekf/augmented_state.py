@@ -1,7 +1,9 @@
 """The augmented state of the pose filter: the poses of all scans, with their joint covariance.
 
-Mallios et al. 2014, section 4.3. A measurement is of two poses only, so that an update costs one
-pass over the covariance: three columns of ``P H'``, and a correction of rank six.
+Mallios et al. 2014, section 4.3; and ahead of them one constant, the share by which the ways
+between matched scans are too short, which the paper takes for zero. A measurement is of two poses
+and that, so that an update costs one pass over the covariance: three columns of ``P H'``, and a
+correction of rank six.
 """
 
 from __future__ import annotations
@@ -12,6 +14,8 @@ from gtsam_nav.ekf.compounding import tail_to_tail
 from gtsam_nav.errors import EstimationError
 from gtsam_nav.frames import Array, wrap_angle
 
+SCALE = 0
+"""Entry of the scale."""
 LEAST_CONDITION = 1e-12
 """Of an innovation covariance, smallest over largest variance, that can still be inverted."""
 
@@ -26,12 +30,15 @@ class AugmentedState:
     pose : ndarray, shape (3,)
         Of the first scan.
     cov : ndarray, shape (3, 3)
+    scale_sigma : float
+        Spread of the share by which the ways between matched scans are too short.
     """
 
-    def __init__(self, capacity: int, pose: Array, cov: Array) -> None:
-        self._x = np.zeros(3 * capacity)
-        self._P = np.zeros((3 * capacity, 3 * capacity))
-        self._x[:3], self._P[:3, :3] = pose, cov
+    def __init__(self, capacity: int, pose: Array, cov: Array, scale_sigma: float = 0.0) -> None:
+        self._x = np.zeros(1 + 3 * capacity)
+        self._P = np.zeros((1 + 3 * capacity, 1 + 3 * capacity))
+        self._P[SCALE, SCALE] = scale_sigma**2
+        self._x[_of(0)], self._P[_of(0), _of(0)] = pose, cov
         self._n = 1
 
     def __len__(self) -> int:
@@ -40,13 +47,13 @@ class AugmentedState:
     @property
     def poses(self) -> Array:
         """Shape (n, 3), a copy."""
-        return self._x[: 3 * self._n].reshape(-1, 3).copy()
+        return self._x[1 : 1 + 3 * self._n].reshape(-1, 3).copy()
 
     @property
     def cov(self) -> Array:
         """Joint covariance of all poses, shape (3 n, 3 n), a copy."""
-        size = 3 * self._n
-        return self._P[:size, :size].copy()
+        size = 1 + 3 * self._n
+        return self._P[1:size, 1:size].copy()
 
     @property
     def marginals(self) -> Array:
@@ -76,7 +83,7 @@ class AugmentedState:
             What the prediction's own noise adds.
         """
         last, new = _of(self._n - 1), _of(self._n)
-        known = slice(0, 3 * self._n)
+        known = slice(0, 1 + 3 * self._n)
         self._x[new] = pose
         self._P[new, known] = J_last @ self._P[last, known]
         self._P[known, new] = self._P[new, known].T
@@ -102,12 +109,14 @@ class AugmentedState:
         """
         from gtsam_nav.ekf._rank_six import subtract_symmetric
 
-        size = 3 * self._n
+        size = 1 + 3 * self._n
         expected, J_a, J_b = tail_to_tail(self._x[_of(a)], self._x[_of(b)])
-        innovation = q - expected
+        J_scale = np.array([-expected[0], -expected[1], 0.0])
+        innovation = q - expected - J_scale * self._x[SCALE]
         innovation[2] = wrap_angle(innovation[2])
         PHt = self._P[:size, _of(a)] @ J_a.T + self._P[:size, _of(b)] @ J_b.T
-        S = J_a @ PHt[_of(a)] + J_b @ PHt[_of(b)] + cov
+        PHt += np.outer(self._P[:size, SCALE], J_scale)
+        S = J_a @ PHt[_of(a)] + J_b @ PHt[_of(b)] + np.outer(J_scale, PHt[SCALE]) + cov
         S = 0.5 * (S + S.T)
         if not _is_invertible(S):
             return np.full(3, np.inf)
@@ -116,7 +125,7 @@ class AugmentedState:
             return whitened
         K: Array = np.ascontiguousarray(np.linalg.solve(S, PHt.T).T)
         self._x[:size] += K @ innovation
-        self._x[2:size:3] = wrap_angle(self._x[2:size:3])
+        self._x[3:size:3] = wrap_angle(self._x[3:size:3])
         # Joseph's (I - K H) P (I - K H)' + K R K' is P - K (P H')' - (P H') K' + K S K'
         subtract_symmetric(self._P, PHt - 0.5 * K @ S, K)
         return whitened
@@ -124,7 +133,7 @@ class AugmentedState:
 
 def _of(k: int) -> slice:
     """Entries of pose k."""
-    return slice(3 * k, 3 * k + 3)
+    return slice(3 * k + 1, 3 * k + 4)
 
 
 def _is_invertible(S: Array) -> bool:

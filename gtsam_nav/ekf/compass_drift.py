@@ -35,6 +35,11 @@ class CompassDrift:
         noise = HeadingNoise.model_validate(compass.noise)
         return cls(float(np.radians(noise.disturbance_sigma_deg)), noise.disturbance_time_s)
 
+    @property
+    def growth(self) -> float:
+        """How fast the variance of its change grows at first, rad^2/s."""
+        return 2 * self.sigma**2 / self.time_s
+
     def kept(self, elapsed_s: Array) -> Array:
         """Shares of an error that its mean over times (...) and its ends keep, shape (..., 2)."""
         a = self._elapsed(elapsed_s)
@@ -56,13 +61,18 @@ class CompassDrift:
         """Covariance of mean and end less the error at the beginning, (..., 2, 2)."""
         return self.gained(elapsed_s) + self.sigma**2 * _squared(self.kept(elapsed_s) - 1.0)
 
+    def mean_variance(self, span_s: float) -> float:
+        """Variance of the error's mean over a span, rad^2."""
+        a = self._elapsed(np.array(span_s))
+        return float(self.sigma**2 * 2 * (1 - _mean_share(a)) / a)
+
     def middle_variance(self, span_s: float) -> float:
         """Variance of the error in the middle of a span less its mean over the span, rad^2."""
         if span_s == 0.0:
             return 0.0
         a = self._elapsed(np.array(span_s))
         shared = 2 * _mean_share(a / 2)
-        return float(self.sigma**2 * (1 + 2 * (1 - _mean_share(a)) / a - shared))
+        return self.mean_variance(span_s) + float(self.sigma**2 * (1 - shared))
 
     def _elapsed(self, elapsed_s: Array) -> Array:
         return np.maximum(elapsed_s / self.time_s, SHORTEST)

@@ -19,6 +19,7 @@ from gtsam_nav.ekf.constant_velocity import (
     Start,
     run,
 )
+from gtsam_nav.ekf.water_lock import with_water_motion
 from gtsam_nav.errors import DataError, EstimationError
 from gtsam_nav.frames import Array, quaternion_from_rpy, rotation_from_rpy
 from gtsam_nav.mission import Mission, Rejection
@@ -160,8 +161,19 @@ def dead_reckon(
     )
     if not np.all(np.isfinite(filtered.x)):
         raise EstimationError("dead reckoning diverged: the state is not finite")
+    filtered = with_water_motion(
+        filtered, _since(t, restarts), mission, config.motion.water_lock_after_s
+    )
     rejections = (*left_out, *_gated(measurements, filtered))
     return DeadReckoned(measurements, filtered, rejections)
+
+
+def _since(t: Array, restarts: Restarts | None) -> Array:
+    """When the covariance of each record last started from zero, or the filter itself."""
+    if restarts is None:
+        return np.full(len(t), t[0])
+    begins = t[restarts.after]
+    return np.append(t[0], begins)[np.searchsorted(begins, t)]
 
 
 def _start(mission: Mission, start: Alignment) -> Start:

@@ -69,8 +69,10 @@ class PoseFilter:
     def __init__(self, track: ScanTrack, config: Config) -> None:
         self._track = track
         self._settings = config.pose_ekf
-        self._pic = config.pic.model_copy(update={"association": config.pose_ekf.association})
-        self.state = AugmentedState(len(track), track.pose(0), track.cov_since_last(0))
+        self._pic = track.pic.model_copy(update={"association": config.pose_ekf.association})
+        self.state = AugmentedState(
+            len(track), track.pose(0), track.first_cov, track.match_scale_sigma
+        )
         self.matches: list[ScanMatch] = []
         self.entered: list[Array] = [self.state.poses[-1]]
         self.entered_cov: list[Array] = [self.state.marginal(0)]

@@ -44,7 +44,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     with clock.stage("scans"):
         track = follow_scans(mission, config)
     with clock.stage("matching"):
-        poses, covs, matches = [track.pose(0)], [track.cov_since_last(0)], []
+        poses, covs, matches = [track.pose(0)], [track.first_cov], []
         for k in range(1, len(track)):
             found = match_consecutive(track, k, config)
             q, cov = track.displacement(k)
@@ -56,13 +56,15 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
             matches.append(found)
             progress("scan matching", (k + 1) / len(track))
     history = PoseHistory(np.array(poses), np.array(covs))
+    way = history.poses[:, :2] - history.poses[0, :2]
+    history.covs[:, :2, :2] += track.match_scale_sigma**2 * way[:, :, None] * way[:, None]
     return scan_solution("scan-match", track, history, history, matches, (), clock)
 
 
 def match_consecutive(track: ScanTrack, k: int, config: Config) -> ScanMatch:
     """Register scan k to the one before, and test the result against the dead reckoning."""
     prior, cov_prior = track.displacement(k)
-    match = register_scans(track, k - 1, k, prior, cov_prior, config.pic)
+    match = register_scans(track, k - 1, k, prior, cov_prior, track.pic)
     if not match.ok:
         return ScanMatch(k - 1, k, match, match.failure)
     difference = match.q - prior

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gtsam_nav.ekf.distortion import bent
 from gtsam_nav.ekf.scan_track import ScanTrack
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Rejection
@@ -80,7 +81,7 @@ class ScanMatch:
 def register_scans(
     track: ScanTrack, a: int, b: int, prior: Array, cov_prior: Array, settings: PicSettings
 ) -> PlanarMatch:
-    """Register scan b to scan a.
+    """Register scan b to scan a; the covariance counts how the motion bends both.
 
     Parameters
     ----------
@@ -94,4 +95,8 @@ def register_scans(
         return PlanarMatch(prior, cov_prior, 0.0, 0, f"fewer than {track.min_points} points")
     sigma = np.sqrt(np.maximum(np.diag(cov_prior), 1e-12))
     factor = np.clip(sigma, SEARCH_FLOOR, SEARCH_CAP) / sigma
-    return register(scans[a], scans[b], prior, cov_prior * np.outer(factor, factor), settings)
+    match = register(scans[a], scans[b], prior, cov_prior * np.outer(factor, factor), settings)
+    if not match.ok:
+        return match
+    distorted = track.distortions[a], track.distortions[b]
+    return replace(match, cov=match.cov + bent(scans[a], scans[b], match, *distorted, settings))

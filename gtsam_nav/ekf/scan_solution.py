@@ -11,7 +11,7 @@ from gtsam_nav.ekf.considered import ConsideredErrors, with_considered
 from gtsam_nav.ekf.constant_velocity import YAW
 from gtsam_nav.ekf.dead_reckoning import filtered_trajectory, fixes_used
 from gtsam_nav.ekf.scan_registration import ScanMatch
-from gtsam_nav.ekf.scan_track import ScanTrack
+from gtsam_nav.ekf.scan_track import PLANAR, ScanTrack
 from gtsam_nav.frames import (
     Array,
     quaternion_from_rpy,
@@ -52,8 +52,8 @@ def scan_solution(
         All that were tried, and those of them that are loops.
     """
     with clock.stage("trajectory"):
-        trajectory = between_scans(track, final)
-        causal = after_scans(track, online)
+        trajectory = between_scans(track, _at_times(track, final))
+        causal = after_scans(track, _at_times(track, online))
     used = [m for m in matches if m.accepted]
     innovations = dict(track.reckoned.innovations)
     if used:
@@ -83,6 +83,13 @@ def scan_solution(
     )
 
 
+def _at_times(track: ScanTrack, history: PoseHistory) -> PoseHistory:
+    """Poses of the scans as those of the vehicle at their times, which their beams may be off."""
+    covs = history.covs.copy()
+    covs[:, :2, :2] += track.frame_cov
+    return PoseHistory(history.poses, covs)
+
+
 def between_scans(track: ScanTrack, history: PoseHistory) -> Trajectory:
     """The track with its correction interpolated between the scans.
 
@@ -99,14 +106,29 @@ def between_scans(track: ScanTrack, history: PoseHistory) -> Trajectory:
     ne_1, turn_1 = _carried(track, history, after)
     ne = ne_0 + f[:, None] * (ne_1 - ne_0)
     turn = turn_0 + f * wrap_angle(turn_1 - turn_0)
-    w, drift = f[:, None, None], drift_cov(track)
-    cov = (1 - w) * history.covs[before] + w * history.covs[after]
-    # tied at both ends, the displacement in between wanders like a Brownian bridge
-    at_scan = drift[track.record]
-    cov += w * (1 - w) * (at_scan[after] - at_scan[before])
-    beyond = t > track.t[-1]
-    cov[beyond] += drift[beyond] - at_scan[-1]
+    w = f[:, None, None]
+    cov = (1 - w) * history.covs[before] + w * history.covs[after] + _bridge(track, after, f)
+    drift, beyond = drift_cov(track), t > track.t[-1]
+    cov[beyond] += drift[beyond] - drift[track.record[-1]]
     return _corrected(track, ne, turn, cov)
+
+
+def _bridge(track: ScanTrack, after: IntArray, f: Array) -> Array:
+    """What the track may be off at fractions (r,) of the way to a scan, tied to it and the last.
+
+    A random walk is a Brownian bridge then. A compass's drift is one of the heading; the way that
+    it turns aside is its integral, and tied at both ends in its direction too.
+    """
+    here = track.record[after]
+    total = track.displacement_cov[here]
+    white = track.filtered.P[here][:, PLANAR[:, None], PLANAR]
+    if track.drift is None:
+        return np.asarray((f * (1 - f))[:, None, None] * white)
+    tied = f * (1 - f)
+    by_drift = np.column_stack([tied, tied, np.sqrt(tied)])
+    cov = by_drift[:, :, None] * (total - white) * by_drift[:, None]
+    cov[:, :2, :2] += tied[:, None, None] * white[:, :2, :2]
+    return np.asarray(cov)
 
 
 def after_scans(track: ScanTrack, history: PoseHistory) -> Trajectory:

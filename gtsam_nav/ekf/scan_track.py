@@ -15,10 +15,13 @@ from gtsam_nav.ekf.compass_drift import CompassDrift
 from gtsam_nav.ekf.compounding import compound, tail_to_tail
 from gtsam_nav.ekf.constant_velocity import YAW, Filtered
 from gtsam_nav.ekf.dead_reckoning import DeadReckoned, dead_reckon
+from gtsam_nav.ekf.distortion import Distortion, distortions
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.preprocess.alignment import Alignment, align
+from gtsam_nav.registration.settings import PicSettings
+from gtsam_nav.sensors.noise import SonarNoise
 from gtsam_nav.series import IntArray
 from gtsam_nav.sonar.motion import PlanarMotion
 from gtsam_nav.sonar.preparation import (
@@ -52,11 +55,21 @@ class ScanTrack:
     displacement_cov : ndarray, shape (r, 3, 3)
         Of north, east and yaw at each record since the scan before it; before the first, of the
         pose itself. What a compass measures anew at each time counts in full.
+    first_cov : ndarray, shape (3, 3)
+        Of the pose of the first scan, whose heading is as wrong as the compass over all its beams.
     drift : CompassDrift or None
         None without a compass.
     frame_yaw_variance : float
         How far the heading at a scan's reference time may be off that of its beams on the whole,
         which is the scan's own: the compass drifts, and its white noise cancels out; rad^2.
+    frame_cov : ndarray, shape (n, 2, 2)
+        And how far the position (north, east) may be off that of its beams, in the same way, m^2.
+    distortions : list of Distortion
+        What errors of the motion within each scan do to it.
+    match_scale_sigma : float
+        Spread of the share by which all ways between matched scans are wrong.
+    pic : PicSettings
+        With the floors that the sonar's card states.
     min_points : int
         A scan with fewer is not registered.
     rejections, warnings : tuple
@@ -70,8 +83,13 @@ class ScanTrack:
     record: IntArray
     complete_s: Array
     displacement_cov: Array
+    first_cov: Array
     drift: CompassDrift | None
     frame_yaw_variance: float
+    frame_cov: Array
+    distortions: list[Distortion]
+    match_scale_sigma: float
+    pic: PicSettings
     min_points: int
     rejections: tuple[Rejection, ...]
     warnings: tuple[str, ...]
@@ -100,7 +118,13 @@ class ScanTrack:
 
     def cov_since_last(self, k: int) -> Array:
         """Covariance of the displacement from the scan before scan k, shape (3, 3)."""
-        return np.asarray(self.displacement_cov[self.record[k]])
+        cov = self.displacement_cov[self.record[k]].copy()
+        cov[:2, :2] += self._frames_cov(k)
+        return np.asarray(cov)
+
+    def _frames_cov(self, k: int) -> Array:
+        """Of north and east between the positions of scan k and the one before, (2, 2)."""
+        return np.asarray(self.frame_cov[max(k - 1, 0) : k + 1].sum(axis=0))
 
     def predict(self, k: int, last: Array) -> tuple[Array, Array, Array]:
         """Pose of scan k by dead reckoning from the pose of the scan before.
@@ -131,7 +155,7 @@ class ScanTrack:
         J_last = np.diag([1.0, 1.0, 0.0])
         J_last[:, 2] += turning @ kept
         cov = turning @ self.drift.gained(elapsed_s) @ turning.T
-        cov[:2, :2] += self.filtered.P[self.record[k], :2, :2]
+        cov[:2, :2] += self.filtered.P[self.record[k], :2, :2] + self._frames_cov(k)
         return pose, J_last, cov
 
     def displacement(self, k: int) -> tuple[Array, Array]:
@@ -158,31 +182,47 @@ def follow_scans(mission: Mission, config: Config) -> ScanTrack:
     mission, echoes, left_out, warnings = leave_out_defective_sonar(mission, config.sonar)
     turns = sonar_turns(mission, config.sonar)
     if echoes is None or turns is None:
-        why = "".join(f"; {warning}" for warning in warnings)
-        raise DataError(
-            f"mission '{mission.name}': scan matching needs a turn of a scanning sonar (beams)"
-            f" or scans; the mission has: {', '.join(sorted(mission.sensors))}{why}"
-        )
+        raise _no_scans(mission, warnings)
     drift = CompassDrift.of(mission)
     restarted = (0, 1) if drift is not None else (0, 1, YAW)
     reckoned = dead_reckon(mission, start, config, turns.t_ref, restarted)
     record = np.searchsorted(reckoned.filtered.t, turns.t_ref)
     motion = _planar_motion(reckoned.filtered, record, drift is not None)
+    sonar = deskewed(echoes, turns, motion)
+    noise = SonarNoise.model_validate(_sonar_of(mission).noise)
+    pic = _with_floors(config.pic, noise)
+    yaw_growth = motion.yaw_variance_rad2_s if drift is None else drift.growth
+    way_variance = _way_variance(reckoned.filtered, record)
+    distorted = distortions(sonar, motion, way_variance, yaw_growth, pic)
     beam_s = _sonar_of(mission).series.t
     span_s = float(np.median(beam_s[turns.last - 1] - beam_s[turns.first]))
+    displacement_cov = _displacement_cov(reckoned.filtered, record, drift)
     return ScanTrack(
         mission=mission,
         start=start,
         reckoned=reckoned,
-        sonar=deskewed(echoes, turns, motion),
+        sonar=sonar,
         record=record,
         complete_s=beam_s[turns.last - 1],
-        displacement_cov=_displacement_cov(reckoned.filtered, record, drift),
+        displacement_cov=displacement_cov,
+        first_cov=_first_cov(displacement_cov[record[0]], drift, span_s),
         drift=drift,
         frame_yaw_variance=_frame_yaw_variance(reckoned.filtered, record, drift, span_s),
+        distortions=distorted,
+        frame_cov=_frame_cov(distorted, reckoned.filtered, record),
+        match_scale_sigma=noise.scale_sigma,
+        pic=pic,
         min_points=config.sonar.scans.min_points,
         rejections=(*mission.rejections, *left_out, *reckoned.rejections),
         warnings=(*mission.warnings, *warnings),
+    )
+
+
+def _no_scans(mission: Mission, warnings: tuple[str, ...]) -> DataError:
+    why = "".join(f"; {warning}" for warning in warnings)
+    return DataError(
+        f"mission '{mission.name}': scan matching needs a turn of a scanning sonar (beams)"
+        f" or scans; the mission has: {', '.join(sorted(mission.sensors))}{why}"
     )
 
 
@@ -190,6 +230,12 @@ def _sonar_of(mission: Mission) -> Sensor:
     sonar = mission.first("beams") or mission.first("scans")
     assert sonar is not None
     return sonar
+
+
+def _with_floors(settings: PicSettings, noise: SonarNoise) -> PicSettings:
+    """Settings with the floors of a sonar's card, where it states them."""
+    stated = {"floor_xy_m": noise.match_floor_m, "floor_yaw_deg": noise.match_floor_deg}
+    return settings.model_copy(update={k: v for k, v in stated.items() if v is not None})
 
 
 def _planar_motion(filtered: Filtered, record: IntArray, has_compass: bool) -> PlanarMotion:
@@ -212,6 +258,19 @@ def _frame_yaw_variance(
     return drift.middle_variance(span_s) + float(np.median(filtered.P[record, YAW, YAW]))
 
 
+def _way_variance(filtered: Filtered, record: IntArray) -> Array:
+    """Of the way up to each record, along each axis, but for the compass's drift, shape (r,)."""
+    level = 0.5 * (filtered.P[:, 0, 0] + filtered.P[:, 1, 1])
+    before = np.append(0.0, np.cumsum(level[record]))
+    return np.asarray(before[np.searchsorted(record, np.arange(len(level)))] + level)
+
+
+def _frame_cov(distorted: list[Distortion], filtered: Filtered, record: IntArray) -> Array:
+    to_n = planar_rotations(filtered.x[record, YAW])
+    moved_n = to_n @ np.array([d.whole[:2] for d in distorted])
+    return np.asarray(moved_n @ np.swapaxes(moved_n, 1, 2))
+
+
 def _displacement_cov(filtered: Filtered, record: IntArray, drift: CompassDrift | None) -> Array:
     """North, east and yaw since the last scan; a compass's drift turns the displacement with it."""
     cov = filtered.P[:, PLANAR[:, None], PLANAR]
@@ -225,6 +284,13 @@ def _displacement_cov(filtered: Filtered, record: IntArray, drift: CompassDrift 
     first = since == 0
     drifted[first] = drift.whole(elapsed_s[first])
     return np.asarray(cov + turning @ drifted @ np.swapaxes(turning, 1, 2))
+
+
+def _first_cov(at_reference: Array, drift: CompassDrift | None, span_s: float) -> Array:
+    if drift is None:
+        return at_reference
+    lessened = np.sqrt(drift.mean_variance(span_s) / at_reference[2, 2])
+    return at_reference * np.outer([1.0, 1.0, lessened], [1.0, 1.0, lessened])
 
 
 def _turning(way: Array) -> Array:

@@ -263,12 +263,18 @@ def _judge(
     if observed.shape[1] < 2:
         return _failed(prior, cov_prior, "singular: the points do not fix the pose")
     floor = np.array([settings.floor_xy_m, settings.floor_xy_m, np.radians(settings.floor_yaw_deg)])
-    gain = observed @ np.linalg.inv(observed.T @ H @ observed) @ observed.T
+    gain = observed_inverse(H)
     cov = gain @ M @ gain.T + UNOBSERVED_M**2 * unobserved @ unobserved.T + np.diag(floor**2)
     failure = ""
     if overlap < settings.min_overlap:
         failure = f"overlap {overlap:.2f} below {settings.min_overlap:.2f}"
     return PlanarMatch(q, 0.5 * (cov + cov.T), overlap, iterations, failure, unobserved.T)
+
+
+def observed_inverse(H: Array) -> Array:
+    """Inverse of an information in the directions that it tells of, zero in the others."""
+    observed, _ = _directions(H)
+    return observed @ np.linalg.inv(observed.T @ H @ observed) @ observed.T
 
 
 def _directions(H: Array) -> tuple[Array, Array]:

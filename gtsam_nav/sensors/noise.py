@@ -208,10 +208,20 @@ class LandmarkNoise(Settings):
 
 
 class SonarNoise(Settings):
-    """Noise of a scanning sonar's echoes: range, and half the beam as bearing sigma."""
+    """Noise of a scanning sonar's echoes: range, and half the beam as bearing sigma.
+
+    ``match_floor_m`` and ``match_floor_deg`` are what a match of two scans is off by in itself,
+    beyond the echoes' noise and the motion within the scans (walls that lean, wide beams); where
+    they are not known, the scan filters take ``pic.floor_xy_m`` and ``pic.floor_yaw_deg``. The ways
+    between matched scans share an error of scale, of spread ``scale_sigma``: the sound speed is
+    not quite known, and the walls' sampling, which moves along, holds a match back.
+    """
 
     sigma_range_m: float = Field(default=0.1, gt=0)
     sigma_bearing_deg: float = Field(default=1.8, gt=0)
+    scale_sigma: float = Field(default=0.0, ge=0)
+    match_floor_m: float | None = Field(default=None, ge=0)
+    match_floor_deg: float | None = Field(default=None, ge=0)
 
 
 NOISE_MODELS: dict[str, type[Settings]] = {

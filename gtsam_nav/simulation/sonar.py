@@ -61,6 +61,12 @@ class SonarSimulation(Settings):
         Share of pings that never reach the log, half of them in bursts.
     sigma_range_m : float
         Stated range noise of an echo.
+    scale_sigma : float
+        Stated error of the ways between matched scans: the sound speed is exact, but the walls'
+        sampling holds matches back.
+    match_floor_m, match_floor_deg : float
+        Stated errors of a match beyond noise and motion: walls stand upright, but a grazed wall
+        echoes from its nearer part.
     """
 
     step_deg: float = Field(default=1.8, gt=0)
@@ -86,6 +92,9 @@ class SonarSimulation(Settings):
     ring_down_m: float = Field(default=0.5, gt=0)
     lost_share: float = Field(default=0.005, ge=0, lt=1)
     sigma_range_m: float = Field(default=0.1, gt=0)
+    scale_sigma: float = Field(default=0.004, ge=0)
+    match_floor_m: float = Field(default=0.03, ge=0)
+    match_floor_deg: float = Field(default=0.1, ge=0)
 
     @property
     def bins(self) -> int:
@@ -115,6 +124,9 @@ def sonar(
         noise={
             "sigma_range_m": s.sigma_range_m,
             "sigma_bearing_deg": s.beam_width_deg / _WIDTH_IN_SIGMAS,
+            "scale_sigma": s.scale_sigma,
+            "match_floor_m": s.match_floor_m,
+            "match_floor_deg": s.match_floor_deg,
         },
         simulated=True,
     )

@@ -159,3 +159,39 @@ def test_errors_of_a_matched_problem_are_chi_square() -> None:
         nees += float(error @ np.linalg.solve(state.cov, error))
     low, high = chi2.ppf([0.001, 0.999], 3 * n * trials)
     assert low < nees < high
+
+
+def chain(scale_sigma: float, short_by: float, n: int = 12) -> tuple[AugmentedState, float]:
+    """A straight way, known to a centimetre a step, whose matches are all too short by a share."""
+    step_m = 10.0
+    state = AugmentedState(n, np.zeros(3), 1e-8 * np.eye(3), scale_sigma)
+    for k in range(1, n):
+        pose, J, _ = compound(state.poses[-1], np.array([step_m, 0.0, 0.0]))
+        state.augment(pose, J, np.diag([0.02, 0.02, 1e-4]) ** 2)
+        match = np.array([step_m * (1 - short_by), 0.0, 0.0])
+        state.update(k - 1, k, match, np.diag([0.02, 0.02, 1e-4]) ** 2, np.inf)
+    return state, step_m * (n - 1)
+
+
+def test_matches_that_are_all_too_short_shorten_the_way_no_more() -> None:
+    (blind, length), (aware, _) = chain(0.0, 0.01), chain(0.05, 0.01)
+    assert blind.poses[-1, 0] == pytest.approx(length * 0.995, rel=1e-4)
+    assert aware.poses[-1, 0] == pytest.approx(length, abs=0.02)
+
+
+def test_the_scale_is_estimated_with_the_poses_as_by_least_squares() -> None:
+    """The last pose's variance against that of a dense least-squares problem."""
+    n, sigma = 12, 0.004
+    state, _ = chain(sigma, 0.0, n)
+    # unknown: the scale and n - 1 steps; each step is measured twice
+    steps = np.eye(n - 1)
+    H = np.vstack(
+        [
+            np.hstack([np.ones((1, 1)) / sigma, np.zeros((1, n - 1))]),
+            np.hstack([np.zeros((n - 1, 1)), steps / 0.02]),
+            np.hstack([-10.0 * np.ones((n - 1, 1)), steps]) / 0.02,
+        ]
+    )
+    cov = np.linalg.inv(H.T @ H)
+    way = np.append(0.0, np.ones(n - 1))
+    assert state.marginal(n - 1)[0, 0] == pytest.approx(way @ cov @ way, rel=1e-3)

@@ -14,7 +14,8 @@ from gtsam_nav.ekf.augmented_state import AugmentedState
 from gtsam_nav.ekf.considered import ConsideredErrors, with_considered
 from gtsam_nav.ekf.dead_reckoning import dead_reckon, filtered_trajectory
 from gtsam_nav.ekf.pose_slam import PoseFilter, loop_candidates
-from gtsam_nav.ekf.scan_match import completed
+from gtsam_nav.ekf.scan_match import completed, match_consecutive
+from gtsam_nav.ekf.scan_solution import _bridge
 from gtsam_nav.ekf.scan_track import ScanTrack, follow_scans
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, wrap_angle
@@ -28,6 +29,7 @@ from gtsam_nav.series import (
     ScanSeries,
     Series,
 )
+from gtsam_nav.simulation.processes import gauss_markov
 from gtsam_nav.solution import Solution
 from gtsam_nav.sonar.defects import WHOLE_SENSOR
 
@@ -157,6 +159,61 @@ def test_without_matches_the_pose_filter_is_dead_reckoning() -> None:
         np.testing.assert_allclose(
             state.marginals[5:, axis, axis], stated[5:, axis, axis], rtol=0.1
         )
+
+
+def with_sonar_noise(mission: Mission, **noise: float) -> Mission:
+    scans = mission.sensors["scans"]
+    return mission.with_sensor(replace(scans, noise={**scans.noise, **noise}))
+
+
+def test_a_card_states_the_floors_of_matches_else_the_settings_do() -> None:
+    config = load_config(None, ["pic.floor_xy_m=0.2", "pic.floor_yaw_deg=1.0"])
+    stated = with_sonar_noise(circling(), match_floor_m=0.03)
+    for mission, floor_m in ((circling(), 0.2), (stated, 0.03)):
+        track = follow_scans(mission, config)
+        assert (track.pic.floor_xy_m, track.pic.floor_yaw_deg) == (floor_m, 1.0)
+    sigma_m = [
+        np.sqrt(match_consecutive(follow_scans(m, config), 3, config).match.cov[0, 0])
+        for m in (circling(), stated)
+    ]
+    assert sigma_m[0] > 0.2 > 0.1 > sigma_m[1]
+
+
+def test_a_scale_of_matches_stretches_the_chain_along_its_way() -> None:
+    sigma = 0.05
+    plain, scaled = (
+        gn.estimate(m, "scan-match").trajectory.select(slice(200, None))
+        for m in (circling(), with_sonar_noise(circling(), scale_sigma=sigma))
+    )
+    assert plain.cov_pose_n is not None
+    assert scaled.cov_pose_n is not None
+    np.testing.assert_allclose(scaled.p_n, plain.p_n)
+    way = plain.p_n[:, :2]
+    expected = sigma**2 * way[:, :, None] * way[:, None]
+    added = (scaled.cov_pose_n - plain.cov_pose_n)[:, :2, :2]
+    # between scans it is interpolated
+    np.testing.assert_allclose(added, expected, atol=0.1)
+
+
+def test_between_two_scans_a_drift_turns_the_way_as_drawn() -> None:
+    """Carried from both scans, whose headings are known: half of each in the middle."""
+    track = follow_scans(circling(), load_config())
+    assert track.drift is not None
+    first, last = track.record[4:6].tolist()
+    steps = np.diff(track.filtered.x[first : last + 1, :2], axis=0)
+    aside = np.column_stack([-steps[:, 1], steps[:, 0]])
+    n, middle = len(steps), len(steps) // 2
+    step_s = float(track.t[5] - track.t[4]) / n
+    drifts = gauss_markov(
+        np.random.default_rng(3), n, step_s, track.drift.sigma, track.drift.time_s, 4000
+    ).T
+    before = (drifts[:, :middle] - drifts[:, :1]) @ aside[:middle]
+    after = (drifts[:, -1:] - drifts[:, middle:]) @ aside[middle:]
+    seen = np.cov(0.5 * (before + after).T)
+    white = 0.25 * track.filtered.P[last, :2, :2]
+    stated = _bridge(track, np.array([5]), np.array([0.5]))[0, :2, :2] - white
+    assert np.trace(stated) == pytest.approx(np.trace(seen), rel=0.3)
+    assert np.trace(white) > 0.0
 
 
 def test_a_compass_error_that_matches_show_is_carried_on() -> None:

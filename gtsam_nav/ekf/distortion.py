@@ -1,0 +1,119 @@
+"""What errors of the dead reckoning within a scan do to it, and to its matches.
+
+A scan is not taken at once: its echoes are put together by the motion, whose error since the scan's
+reference time grows to both ends. Unlike the echoes' noise it does not average out. Most of it
+moves a scan as a whole, so that all matches of the scan share it: it belongs to the scan's own
+pose. What is left bends the scan, and each match answers to it in its own way.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gtsam_nav.ekf.compounding import tail_to_tail
+from gtsam_nav.frames import Array
+from gtsam_nav.registration.response import response
+from gtsam_nav.registration.result import PlanarMatch
+from gtsam_nav.registration.settings import PicSettings
+from gtsam_nav.sonar.motion import PlanarMotion
+from gtsam_nav.sonar.preparation import SonarData
+from gtsam_nav.sonar.scans import Scan, planar_rotations
+
+PIECES = 4
+"""Of each half of a scan, over which the error grows evenly."""
+
+
+@dataclass(frozen=True)
+class Distortion:
+    """Displacements of a scan's echoes by independent errors of unit variance.
+
+    Attributes
+    ----------
+    moved : ndarray, shape (k, 2, m)
+        Of each echo in the scan's axes, m.
+    whole : ndarray, shape (3, m)
+        Of the scan as a whole, as a match with itself would find it: x, y, yaw.
+    """
+
+    moved: Array
+    whole: Array
+
+
+def distortions(
+    data: SonarData,
+    motion: PlanarMotion,
+    way_variance_m2: Array,
+    yaw_variance_rad2_s: float,
+    settings: PicSettings,
+) -> list[Distortion]:
+    """Of all scans.
+
+    Parameters
+    ----------
+    data : SonarData
+    motion : PlanarMotion
+        That deskewed them.
+    way_variance_m2 : ndarray, shape (n,)
+        Of the way up to each time of the motion, along each axis, but for the heading's error.
+    yaw_variance_rad2_s : float
+        How fast the heading's error wanders.
+    settings : PicSettings
+    """
+    echoes, turns = data.echoes, data.turns
+    bounds = np.searchsorted(echoes.beam, np.stack([turns.first, turns.last]))
+    found = []
+    for scan, begin, end in zip(data.scans, *bounds, strict=True):
+        t = echoes.t[begin:end]
+        moved = _displacements(scan, t, motion, way_variance_m2, yaw_variance_rad2_s)
+        whole, _ = response(scan, scan, np.zeros(3), moved, moved, settings)
+        found.append(Distortion(moved, whole))
+    return found
+
+
+def bent(
+    a: Scan, b: Scan, match: PlanarMatch, of_a: Distortion, of_b: Distortion, settings: PicSettings
+) -> Array:
+    """Covariance (3, 3) of a match of scan b to scan a by the bending of both.
+
+    Poses of scans are those of their echoes: what moves a scan as a whole is none of it.
+    """
+    by_a, by_b = response(a, b, match.q, of_a.moved, of_b.moved, settings)
+    _, J_a, _ = tail_to_tail(np.zeros(3), match.q)
+    J_b = np.eye(3)
+    J_b[:2, :2] = planar_rotations(match.q[2])
+    rest_a, rest_b = by_a + J_a @ of_a.whole, by_b + J_b @ of_b.whole
+    return np.asarray(rest_a @ rest_a.T + rest_b @ rest_b.T)
+
+
+def _displacements(
+    scan: Scan,
+    t: Array,
+    motion: PlanarMotion,
+    way_variance_m2: Array,
+    yaw_variance_rad2_s: float,
+) -> Array:
+    """Displacements (k, 2, m) of echoes at times (k,) by the error that each piece of time adds.
+
+    It moves what lies beyond it, and turns it about where the vehicle then was.
+    """
+    if len(t) == 0:
+        return np.zeros((0, 2, 6 * PIECES))
+    since = t - scan.t_ref
+    edges = [np.linspace(0.0, end, PIECES + 1) for end in (since[0], since[-1])]
+    begin = np.concatenate([e[:-1] for e in edges])
+    length = np.concatenate([np.diff(e) for e in edges])
+    passed = np.clip((since[:, None] - begin) / np.where(length == 0.0, np.inf, length), 0.0, 1.0)
+    ne, yaw = motion.at(scan.t_ref + np.append(begin + 0.5 * length, 0.0))
+    about = (ne[:-1] - ne[-1]) @ planar_rotations(yaw[-1])
+    lever = scan.xy[:, None] - about
+    sigma_yaw = np.sqrt(yaw_variance_rad2_s * np.abs(length))
+    variance_m2 = np.diff([np.interp(scan.t_ref + e, motion.t, way_variance_m2) for e in edges])
+    sigma_m = np.sqrt(np.abs(variance_m2.ravel()))
+    turned = (passed * sigma_yaw)[:, None] * np.stack([-lever[..., 1], lever[..., 0]], axis=1)
+    shifted = passed * sigma_m
+    still = np.zeros_like(shifted)
+    return np.concatenate(
+        [turned, np.stack([shifted, still], axis=1), np.stack([still, shifted], axis=1)], axis=2
+    )

@@ -1,0 +1,162 @@
+"""What errors of the motion within a scan do to its echoes and matches, against drawn errors."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import gtsam_nav as gn
+from gtsam_nav.config import load_config
+from gtsam_nav.ekf.compounding import compound, inverse, tail_to_tail
+from gtsam_nav.ekf.distortion import Distortion, bent, distortions
+from gtsam_nav.ekf.scan_match import match_consecutive
+from gtsam_nav.ekf.scan_track import ScanTrack, follow_scans
+from gtsam_nav.frames import Array, wrap_angle
+from gtsam_nav.mission import Mission
+from gtsam_nav.registration.pic import register
+from gtsam_nav.registration.response import response
+from gtsam_nav.registration.settings import PicSettings
+from gtsam_nav.series import ReferenceSeries
+from gtsam_nav.simulation.settings import SimulationSettings
+from gtsam_nav.sonar.echoes import Echoes
+from gtsam_nav.sonar.motion import PlanarMotion
+from gtsam_nav.sonar.preparation import SonarData, deskewed
+from gtsam_nav.sonar.scans import Turns
+
+SETTINGS = PicSettings(floor_xy_m=0.0, floor_yaw_deg=0.0)
+SCAN_S, BEAMS = 14.0, 200
+SPEED_M_S, SIGMA_M = 0.7, 0.1
+YAW_GROWTH, WAY_GROWTH = np.radians(0.4) ** 2, 0.02**2
+CORNERS = np.array([[-20.0, -8.0], [30.0, -8.0], [30.0, 12.0], [-20.0, 12.0]])
+
+
+def ranges(place: Array, azimuth: Array) -> Array:
+    """To the walls of a room."""
+    best = np.full(len(azimuth), np.inf)
+    ray = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
+    for start, end in zip(CORNERS, np.roll(CORNERS, -1, axis=0), strict=True):
+        along = end - start
+        normal = np.array([-along[1], along[0]]) / np.linalg.norm(along)
+        with np.errstate(divide="ignore"):
+            r = np.sum((start - place) * normal, axis=1) / (ray @ normal)
+        best = np.where((r > 0) & (r < best), r, best)
+    return best
+
+
+def straight() -> tuple[Echoes, Turns, Array]:
+    """Echoes of two turns of the head on a straight way, with the times of their beams."""
+    t = np.linspace(0.0, 2 * SCAN_S, 2 * BEAMS, endpoint=False)
+    bearing = 2 * np.pi * t / SCAN_S
+    place = np.column_stack([SPEED_M_S * t, 0.0 * t])
+    xy_b = ranges(place, bearing)[:, None] * np.stack([np.cos(bearing), np.sin(bearing)], axis=1)
+    cov = np.tile(SIGMA_M**2 * np.eye(2), (len(t), 1, 1))
+    echoes = Echoes(t, np.arange(len(t)), xy_b, cov, np.full(len(t), 100.0))
+    first = np.array([0, BEAMS])
+    return echoes, Turns(first, first + BEAMS, t[first + BEAMS // 2]), t
+
+
+def way(t: Array, yaw_error: Array, ne_error: Array) -> PlanarMotion:
+    """Dead reckoning whose heading and velocity are wrong."""
+    step = np.diff(t, prepend=t[0])[:, None] * SPEED_M_S
+    ne = np.cumsum(step * np.column_stack([np.cos(yaw_error), np.sin(yaw_error)]), axis=0)
+    return PlanarMotion(t, ne + ne_error, yaw_error, 0.0, 0.0)
+
+
+def walk(rng: np.random.Generator, t: Array, growth: float) -> Array:
+    return np.cumsum(rng.normal(size=len(t)) * np.sqrt(growth * np.diff(t, prepend=t[0])))
+
+
+@pytest.fixture(scope="module")
+def stated() -> tuple[SonarData, list[Distortion]]:
+    echoes, turns, t = straight()
+    motion = way(t, np.zeros(len(t)), np.zeros((len(t), 2)))
+    data = deskewed(echoes, turns, motion)
+    return data, distortions(data, motion, WAY_GROWTH * t, YAW_GROWTH, SETTINGS)
+
+
+def drawn(runs: int) -> list[SonarData]:
+    rng, (echoes, turns, t) = np.random.default_rng(4), straight()
+    found = []
+    for _ in range(runs):
+        ne_error = np.column_stack([walk(rng, t, WAY_GROWTH) for _ in range(2)])
+        found.append(deskewed(echoes, turns, way(t, walk(rng, t, YAW_GROWTH), ne_error)))
+    return found
+
+
+def test_echoes_are_displaced_as_drawn(stated: tuple[SonarData, list[Distortion]]) -> None:
+    data, distorted = stated
+    moved = np.array([one.scans[1].xy for one in drawn(400)]) - data.scans[1].xy
+    cov = distorted[1].moved @ np.swapaxes(distorted[1].moved, 1, 2)
+    for beam in (0, 40, 160, BEAMS - 1):
+        d2 = np.sum(moved[:, beam] * np.linalg.solve(cov[beam], moved[:, beam].T).T, axis=1)
+        assert np.mean(d2) == pytest.approx(2.0, rel=0.15)
+
+
+def test_at_its_reference_time_a_scan_is_where_it_is(
+    stated: tuple[SonarData, list[Distortion]],
+) -> None:
+    np.testing.assert_allclose(stated[1][0].moved[BEAMS // 2], 0.0, atol=1e-12)
+
+
+def test_what_moves_a_scan_as_a_whole_does_not_bend_its_matches(
+    stated: tuple[SonarData, list[Distortion]],
+) -> None:
+    data, _ = stated
+    match = register(*data.scans, np.array([9.8, 0.0, 0.0]), np.diag([0.1, 0.1, 0.01]), SETTINGS)
+    still = Distortion(np.zeros((BEAMS, 2, 3)), np.zeros((3, 3)))
+    for k in (0, 1):
+        xy = data.scans[k].xy
+        turned = np.stack([-xy[:, 1], xy[:, 0]], axis=1)
+        shifts = np.broadcast_to(np.eye(2), (len(xy), 2, 2))
+        whole = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+        moved = Distortion(np.concatenate([turned[..., None], shifts], axis=2), whole)
+        pair = (moved, still) if k == 0 else (still, moved)
+        left = bent(*data.scans, match, *pair, SETTINGS)
+        assert np.sqrt(np.diag(left)).max() < 0.06
+
+
+@pytest.mark.slow
+def test_matches_are_as_wrong_as_stated() -> None:
+    """In simulated marinas, against the true poses of the scans' beams; not without bending."""
+    with_bending, without = [], []
+    for seed in range(2):
+        mission = gn.simulate("marina", seed=seed, settings=SimulationSettings.matched())
+        track = follow_scans(mission, load_config(None, ["gnss.use=none"]))
+        poses = poses_of_beams(mission, track)
+        for k in range(1, len(track)):
+            found = match_consecutive(track, k, load_config())
+            if not found.accepted:
+                continue
+            error = found.match.q - tail_to_tail(poses[k - 1], poses[k])[0]
+            error[2] = wrap_angle(error[2])
+            pair = track.distortions[k - 1], track.distortions[k]
+            scans = track.sonar.scans[k - 1], track.sonar.scans[k]
+            bending = bent(*scans, found.match, *pair, track.pic)
+            for d2, cov in (
+                (with_bending, found.match.cov),
+                (without, found.match.cov - bending),
+            ):
+                d2.append(float(error @ np.linalg.solve(cov, error)) / 3)
+    assert len(with_bending) > 60
+    assert 0.7 < np.mean(with_bending) < 1.4
+    assert np.mean(without) > 1.5
+
+
+def poses_of_beams(mission: Mission, track: ScanTrack) -> Array:
+    """True poses of what the scans are, put together by a motion that is not quite right."""
+    reference = mission.reference
+    assert reference is not None
+    assert isinstance(reference.series, ReferenceSeries)
+    assert reference.series.rpy is not None
+    yaw = np.unwrap(reference.series.rpy[:, 2])
+    motion = PlanarMotion(reference.series.t, reference.series.p_n[:, :2], yaw, 0.0, 0.0)
+    exact = deskewed(track.sonar.echoes, track.sonar.turns, motion)
+    ne, yaw = motion.at(track.t)
+    poses = []
+    for pose, scan, true in zip(
+        np.column_stack([ne, yaw]), track.sonar.scans, exact.scans, strict=True
+    ):
+        moved = (scan.xy - true.xy)[:, :, None]
+        whole = response(scan, scan, np.zeros(3), moved, moved, track.pic)[0][:, 0]
+        poses.append(compound(pose, inverse(whole)[0])[0])
+    return np.array(poses)
