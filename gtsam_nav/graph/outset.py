@@ -20,6 +20,7 @@ from gtsam_nav.graph.robust import check_sigmas
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.alignment import Alignment, align
 from gtsam_nav.preprocess.compass_steps import without_compass_steps
+from gtsam_nav.preprocess.compass_turns import disturbance_walk_rad2_s, turned_by_compass
 from gtsam_nav.preprocess.edge_motion import edge_motion, moves_by_edges
 from gtsam_nav.preprocess.identified import identified, unidentified
 from gtsam_nav.preprocess.inertial_motion import inertial_motion
@@ -38,6 +39,12 @@ from gtsam_nav.solution import Progress, StageClock
 MAP_START_SIGMAS = 10.0
 ROLLING_INTERVAL_S = 0.25
 """Longest time between keyframes of a vehicle on wheels: each is held to its course."""
+BRIDGED_YAW_RAD = np.radians(0.2)
+"""So far a compass's disturbance may stray between keyframes that know it: a bin at 30 m."""
+COMPASS_INTERVAL_S = 1.0
+"""Keyframes for the sake of a compass are no closer than this, ..."""
+MOST_BY_COMPASS = 3600
+"""... and no more than these: those of a longer mission are further apart."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +136,7 @@ def _start_on_map(mission: Mission, config: Config) -> Alignment | None:
 
 def mission_keyframes(mission: Mission, t_scans: Array, t_clouds: Array, config: Config) -> Array:
     """Keyframes at edges' poses, scans, clouds and sightings; where the IMU carries all, at fixes
-    and silences too."""
+    and silences too; and often where a compass alone tells the turns."""
     anchors = [t_scans, t_clouds, *(sensor.series.t for sensor in mission.of_type("landmarks"))]
     if mission.edges is not None:
         anchors.insert(0, mission.edges.t.ravel())
@@ -143,5 +150,19 @@ def mission_keyframes(mission: Mission, t_scans: Array, t_clouds: Array, config:
         anchors += [sensor.series.t for sensor in mission.of_type("gnss")]
         if rolls(mission, config):
             interval_s = min(interval_s, ROLLING_INTERVAL_S)
+    if turned_by_compass(mission):
+        interval_s = min(interval_s, _compass_interval_s(mission))
     merged = merged_anchors(anchors, config.graph.anchor_spacing_s)
     return keyframe_times(*mission.span_s, merged, interval_s)
+
+
+def _compass_interval_s(mission: Mission) -> float:
+    """Longest time between keyframes that leaves little of a compass's disturbance between them.
+
+    A walk of density q that is known at both ends of an interval T has the variance ``q T / 4`` at
+    its middle.
+    """
+    begin, end = mission.span_s
+    shortest = max(COMPASS_INTERVAL_S, (end - begin) / MOST_BY_COMPASS)
+    walk = disturbance_walk_rad2_s(mission)
+    return max(shortest, 4.0 * float(BRIDGED_YAW_RAD) ** 2 / walk) if walk else np.inf

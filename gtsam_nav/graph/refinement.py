@@ -132,7 +132,9 @@ class JointRefinement:
         self.t = echoes.t[inside]
         self.scan_first = bounds - bounds[0]
         self.scan = np.repeat(np.arange(len(turns)), np.diff(bounds))
-        self.knots = knots_of(self.t, t_keyframes, turns.t_ref)
+        # what a compass alone tells of the turn inside a scan is no better than the scan itself
+        t_knots = turns.t_ref if motion.compass_sigma is None else t_keyframes
+        self.knots = knots_of(self.t, t_keyframes, t_knots)
         p_n, rpy = motion.at(self.t)
         self._ne, self._yaw = p_n[:, :2], rpy[:, 2]
         p_n, rpy = motion.at(t_keyframes[self.knots.keyframes])

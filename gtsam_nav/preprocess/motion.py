@@ -15,6 +15,11 @@ from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, quaternion_from_rpy, rotation_from_rpy
 from gtsam_nav.mission import Mission, Rejection
 from gtsam_nav.preprocess.alignment import Alignment
+from gtsam_nav.preprocess.compass_turns import (
+    disturbance_walk_rad2_s,
+    smoothed_heading,
+    turned_by_compass,
+)
 from gtsam_nav.preprocess.settings import MotionSettings
 from gtsam_nav.preprocess.turning import unmeasured_yaw_variance_rad2_s
 from gtsam_nav.sensors.dvl import BodyVelocities, body_velocities
@@ -67,6 +72,8 @@ class VehicleMotion:
     gyro_bias_b : ndarray, shape (3,)
         Mean gyro bias in body axes by comparison with the AHRS, rad/s; zero without either.
     rejections : tuple of Rejection
+    compass_sigma : float or None
+        White noise of the yaw where a compass alone tells the turns, rad; None elsewhere.
     """
 
     t: Array
@@ -79,6 +86,7 @@ class VehicleMotion:
     yaw_variance_rad2_s: float
     gyro_bias_b: Array
     rejections: tuple[Rejection, ...]
+    compass_sigma: float | None = None
 
     @property
     def trajectory(self) -> Trajectory:
@@ -131,12 +139,12 @@ def vehicle_motion(mission: Mission, start: Alignment, settings: MotionSettings)
         Where nothing measures the velocity.
     """
     t = motion_grid(mission, start, settings)
-    yaw, yaw_variance, gyro_bias_b = _yaw(mission, t, start, settings)
+    turns = _turns(mission, t, start, settings)
     v_b, sigma_v, position_variance, usual_growth, rejections = _velocities(
-        mission, t, settings, gyro_bias_b
+        mission, t, settings, turns.gyro_bias_b
     )
     tilt, _ = tilt_at(mission, t)
-    rpy = np.column_stack([tilt, yaw])
+    rpy = np.column_stack([tilt, turns.yaw])
     v_n = np.einsum("nij,nj->ni", rotation_from_rpy(rpy), v_b)
     steps = 0.5 * (v_n[1:] + v_n[:-1]) * np.diff(t)[:, None]
     p_n = start.p_n + np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
@@ -148,9 +156,10 @@ def vehicle_motion(mission: Mission, start: Alignment, settings: MotionSettings)
         sigma_v=sigma_v,
         position_variance=position_variance,
         position_variance_m2_s=usual_growth,
-        yaw_variance_rad2_s=yaw_variance,
-        gyro_bias_b=gyro_bias_b,
+        yaw_variance_rad2_s=turns.variance_rad2_s,
+        gyro_bias_b=turns.gyro_bias_b,
         rejections=rejections,
+        compass_sigma=turns.compass_sigma,
     )
 
 
@@ -209,9 +218,9 @@ def _velocities(
         [settings.sigma_accel_m_s2, settings.sigma_accel_m_s2, settings.sigma_vertical_accel_m_s2]
     )
     gate = chi2_limit(SPIKE_PROBABILITY, 1)
-    smoothed = _smooth_each_axis(z, densities**2, gate)
-    v_b = np.stack([np.interp(t, z.t, level) for level, _, _ in smoothed], axis=1)
-    sigma_v = np.sqrt(np.interp(t, z.t, smoothed[0][1]))
+    smoothed = _smooth_each_axis(z, t, densities**2, gate)
+    v_b = np.stack([level for level, _, _ in smoothed], axis=1)
+    sigma_v = np.sqrt(smoothed[0][1])
     used = np.all([used for _, _, used in smoothed], axis=0)
     spikes = tuple(
         Rejection(float(z.t[k]), z.sensor, int(z.row[k]), "velocity spike")
@@ -243,21 +252,33 @@ def _walked(
 
 
 def _smooth_each_axis(
-    z: BodyVelocities, densities: Array, gate: float
+    z: BodyVelocities, t: Array, densities: Array, gate: float
 ) -> list[tuple[Array, Array, BoolArray]]:
-    """Level, its variance and what was used, of each axis. Wheels, unlike sound, make no spikes,
-    and change their speed at once: their readings are taken as they are."""
+    """Level and its variance on the grid, and which readings were used, of each axis.
+
+    Wheels, unlike sound, make no spikes, and change their speed at once: their readings are taken
+    as they are.
+    """
     if z.by_wheels:
-        everything = np.ones(len(z.t), dtype=bool)
-        return [(z.v_b[:, axis], z.sigma**2, everything) for axis in range(3)]
+        everything, variance = np.ones(len(z.t), dtype=bool), np.interp(t, z.t, z.sigma**2)
+        return [(np.interp(t, z.t, axis), variance, everything) for axis in z.v_b.T]
     from gtsam_nav.preprocess._trend import smooth_trend
 
+    # between readings, the grid's own times are readings that say nothing
+    silent = t[t > z.t[0]]
+    times = np.concatenate([z.t, silent])
+    order = np.argsort(times, kind="stable")
+    times, is_reading = times[order], order < len(z.t)
+    variance = np.append(z.sigma**2, np.full(len(silent), np.inf))[order]
     out = []
     for axis in range(3):
+        readings = np.append(z.v_b[:, axis], np.zeros(len(silent)))[order]
         level, _, level_variance, used = smooth_trend(
-            z.t, np.ascontiguousarray(z.v_b[:, axis]), z.sigma**2, densities[axis], 0.0, 0.0, gate
+            times, readings, variance, densities[axis], 0.0, 0.0, gate
         )
-        out.append((level, level_variance, used))
+        before_s = np.maximum(z.t[0] - t, 0.0)
+        variance_on_grid = np.interp(t, times, level_variance) + densities[axis] * before_s
+        out.append((np.interp(t, times, level), variance_on_grid, used[is_reading]))
     return out
 
 
@@ -290,26 +311,36 @@ def _velocity_readings(
     )
 
 
-def _yaw(
-    mission: Mission, t: Array, start: Alignment, settings: MotionSettings
-) -> tuple[Array, float, Array]:
-    """Unwrapped yaw on the grid, growth of its variance, and the gyro's bias."""
+@dataclass(frozen=True)
+class _Turns:
+    """Unwrapped yaw on the grid, growth of its variance, and the others as in `VehicleMotion`."""
+
+    yaw: Array
+    variance_rad2_s: float
+    gyro_bias_b: Array
+    compass_sigma: float | None = None
+
+
+def _turns(mission: Mission, t: Array, start: Alignment, settings: MotionSettings) -> _Turns:
+    """By the gyro and the compass, by either, by odometry, or none at all."""
     headings = headings_true(mission)
     imu = mission.first("imu")
     bias_b = np.zeros(3)
+    if headings is not None and turned_by_compass(mission):
+        walk = disturbance_walk_rad2_s(mission)
+        level, sigma = smoothed_heading(headings, walk, settings.sigma_yaw_accel_rad_s2)
+        # over the memory of the smoother, about a second, its error is one draw
+        return _Turns(np.interp(t, headings.t, level), sigma**2 + walk, bias_b, sigma)
     turned, rate_variance = _turned(mission, t, settings)
-    if headings is None or len(headings) < 2:
-        return start.rpy[2] + turned, rate_variance, bias_b
-    if imu is None:
-        level, variance = _smooth_heading(headings, settings.sigma_yaw_accel_rad_s2**2)
-        return np.interp(t, headings.t, level), variance, bias_b
+    if headings is None or len(headings) < 2 or imu is None:
+        return _Turns(start.rpy[2] + turned, rate_variance, bias_b)
     assert isinstance(imu.series, ImuSeries)
     noise = ImuNoise.model_validate(imu.noise)
     offset, trend = heading_less_turn(headings, np.interp(headings.t, t, turned), noise)
     bias_b[:2] = (imu.series.gyro_i @ imu.R_bs.T).mean(axis=0)[:2]
     bias_b[2] = -float(np.mean(trend))
     yaw = turned + np.interp(t, headings.t, offset)
-    return yaw, noise.gyro_noise_density_rad_s_sqrt_hz**2, bias_b
+    return _Turns(yaw, noise.gyro_noise_density_rad_s_sqrt_hz**2, bias_b)
 
 
 def _turned(mission: Mission, t: Array, settings: MotionSettings) -> tuple[Array, float]:
@@ -339,16 +370,6 @@ def _turned(mission: Mission, t: Array, settings: MotionSettings) -> tuple[Array
         steps[silent] = np.diff(compass)[silent]
     integral = np.concatenate([[0.0], np.cumsum(steps)])
     return np.interp(t, t_rate, integral), variance
-
-
-def _smooth_heading(headings: HeadingSeries, rate_density: float) -> tuple[Array, float]:
-    from gtsam_nav.preprocess._trend import smooth_trend
-
-    level, _, variance, _ = smooth_trend(
-        headings.t, np.unwrap(headings.heading), headings.sigma**2, 0.0, rate_density, 0.1, np.inf
-    )
-    # over the memory of the smoother, about a second, its error is one draw
-    return level, float(np.median(variance))
 
 
 def heading_less_turn(

@@ -257,6 +257,24 @@ def test_a_compass_alone_is_smoothed_across_the_wrap() -> None:
     assert np.sqrt(np.mean(error**2)) < 0.02 / 1.5
 
 
+def test_the_velocity_is_as_uncertain_as_stated_where_readings_lack() -> None:
+    rng, step_s, sigma = np.random.default_rng(4), 0.1, 0.03
+    t = times(10.0)
+    silent = (t + 1.5) % 6.0 < 3.0
+    normalised = []
+    for _ in range(40):
+        walk = np.cumsum(
+            SETTINGS.sigma_accel_m_s2 * np.sqrt(step_s) * rng.normal(size=(len(t), 3)), 0
+        )
+        readings = walk + sigma * rng.normal(size=walk.shape)
+        motion = moved(dvl(readings[~silent], t[~silent], sigma), clinometer(0.0, 0.0))
+        error = np.interp(t, motion.t, motion.v_b[:, 0]) - walk[:, 0]
+        normalised.append(error / np.interp(t, motion.t, motion.sigma_v))
+    squared = np.mean(np.square(normalised), axis=0)
+    assert np.mean(squared[silent]) == pytest.approx(1.0, abs=0.15)
+    assert np.mean(squared[~silent]) == pytest.approx(1.0, abs=0.15)
+
+
 def test_the_noise_walks_the_position_as_far_as_stated() -> None:
     rng, sigma, t = np.random.default_rng(3), 0.1, times(2.0)
     ends = []

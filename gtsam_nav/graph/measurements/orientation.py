@@ -115,7 +115,8 @@ def _averaged_headings(problem: Problem, mission: Mission) -> tuple[Array, Array
     """Heading at each keyframe from the readings nearest to it, its sigma, and the first's row.
 
     The readings are carried to the keyframe by the vehicle's own turn; half before, half after,
-    so that a gyro's bias cancels. Keyframes without a reading get an infinite sigma.
+    so that a gyro's bias cancels. Where a compass alone tells that turn, no reading tells more than
+    the smoothed heading there. Keyframes without a reading get an infinite sigma.
     """
     headings = headings_true(mission)
     assert headings is not None
@@ -127,6 +128,8 @@ def _averaged_headings(problem: Problem, mission: Mission) -> tuple[Array, Array
     with np.errstate(divide="ignore", invalid="ignore"):
         mean = np.bincount(owner, difference, minlength=n) / count
         sigma = np.sqrt(np.bincount(owner, headings.sigma**2, minlength=n)) / count
+    if problem.motion.compass_sigma is not None:
+        sigma = np.maximum(sigma, problem.motion.compass_sigma)
     first = np.clip(np.searchsorted(owner, np.arange(n)), 0, len(owner) - 1)
     heading = yaw + np.where(count > 0, mean, 0.0)
     return heading, np.where(count > 0, sigma, np.inf), headings.row[first]
