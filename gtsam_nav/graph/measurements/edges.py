@@ -14,7 +14,8 @@ from gtsam_nav.config import Config
 from gtsam_nav.frames import Array
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import X
-from gtsam_nav.graph.problem import Problem, StateAt
+from gtsam_nav.graph.problem import Problem
+from gtsam_nav.graph.readings import StateAt
 from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.graph.scan_matching import LOOP
 from gtsam_nav.mission import Mission
