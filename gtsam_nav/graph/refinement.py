@@ -42,6 +42,9 @@ MOST_RESIDUALS = 2_000_000
 MAX_STEPS = 25
 """Without a sonar; reweighed least squares under a kernel takes its time."""
 CONVERGED_STEP = 1e-3
+ALL_BUT_LINEAR = np.array([0.1, 0.1, np.radians(0.3)])
+"""Steps of a knot (n, e, yaw) beyond which the sensors and the pairs of scans are looked at anew: what
+is bent within is less than a millimetre."""
 MAX_KNOT_SPACING_S = 20.0
 """Where scans are further apart, the keyframes between them are knots too."""
 
@@ -153,21 +156,28 @@ class JointRefinement:
         s = self.settings
         gate, count, settled = s.first_gate_m, 0, False
         posterior: JointPosterior | None = None
+        system: KnotSystem | None = None
         while not settled and count < s.max_iterations:
             posterior = None  # its fronts make room for the next ones
             origin = self._planar_of(values)
-            pairs = self._scan_pairs(origin)
-            # the sensors anew each time: a turn of the whole track, linear, would stretch it
-            system = KnotSystem(graph, values, self.knots.keyframes, self.problem, pairs.touching)
-            posterior = system.with_sonar(*self._normal_equations(origin, pairs, gate))
-            del system
+            if system is None:
+                # the sensors anew after a turn of the whole track: linear, it would stretch it
+                pairs = self._scan_pairs(origin)
+                keyframes = self.knots.keyframes
+                system = KnotSystem(graph, values, keyframes, self.problem, pairs.touching)
+                before = np.zeros((len(keyframes), 3))
+            A, gradient = self._normal_equations(origin, pairs, gate)
+            posterior = system.with_sonar(A, gradient, before)
             values = posterior.moved()
-            moved = np.max(np.abs(posterior.planar[:, :2]), axis=1)
+            moved = np.max(np.abs(posterior.planar - before)[:, :2], axis=1)
+            before = posterior.planar
             largest, knot = float(np.max(moved)), int(np.argmax(moved))
             log.debug("refinement: largest step %.3f m at knot %d", largest, knot)
             settled = gate <= s.last_gate_m and largest < s.converged_m
             gate = max(gate * s.gate_factor, s.last_gate_m)
             count += 1
+            if np.any(np.abs(before) > ALL_BUT_LINEAR):
+                system = None
             progress("refinement", count / s.max_iterations)
         progress("refinement", 1.0)
         log.info("joint refinement: %d iterations, converged: %s", count, settled)
