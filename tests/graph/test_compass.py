@@ -42,7 +42,7 @@ def solved(mission: Mission) -> tuple[Array, Array, int]:
     yaw = np.array([found.atNavState(key).attitude().yaw() for key in keys])
     covariances = Covariances(graph, found)
     sigma = np.sqrt([covariances.joint([key])[2, 2] for key in keys])
-    return yaw, sigma, sum(_is_constant(key) for key in values.keys())
+    return yaw, sigma, sum(_is_constant(key) for key in list(values.keys()))
 
 
 def _is_constant(key: Any) -> bool:
