@@ -26,6 +26,9 @@ RELINEARIZE_TURN_RAD, RELINEARIZE_MOVE = 0.05, 0.5
 """iSAM2 linearises a state anew once it has turned so far, or moved (m, m/s): residuals bend with
 turns, and are all but straight in positions."""
 RELINEARIZE_BIAS = 0.05
+LEAST_CHANGE = 0.01
+"""iSAM2 follows a change of its estimate (m, m/s, rad) backward in time until it is smaller: the
+latest states are solved for in any case."""
 MOST_FRESH_STARTS = 10
 """Cholesky may find a system indeterminate that it solves in another order of elimination; each
 fresh start takes as long as the mission is by then."""
@@ -80,7 +83,9 @@ class Backend:
         factors.insert(self._new_values, X(k), state)
         self._last_state = state
         for key, first in self.problem.variables[k]:
-            factors.insert(self._new_values, key, first(self._state_at))
+            # what is known of the bias already need not be linearised anew
+            value = self._last_bias if key == B(k) else first(self._state_at)
+            factors.insert(self._new_values, key, value)
         for entry in self.problem.brought(k):
             self.add_factor(entry)
         self._new_readings += self.problem.readings[k]
@@ -187,6 +192,7 @@ def _isam2(is_stiff: bool) -> Any:
     thresholds.insert(("b", np.full(6, RELINEARIZE_BIAS)))
     parameters.setRelinearizeThreshold(thresholds)
     parameters.relinearizeSkip = 1
+    parameters.setOptimizationParams(gtsam.ISAM2GaussNewtonParams(LEAST_CHANGE))
     if is_stiff:
         parameters.setFactorization("QR")
     return gtsam.ISAM2(parameters)

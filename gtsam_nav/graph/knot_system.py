@@ -99,7 +99,7 @@ class KnotSystem:
         self._meeting = meeting[left][:, left] + borders + self._among_outer(touching)
         self._fronts = fronts_of(self._meeting, node, place)
 
-    def with_sonar(self, A: Any, gradient: Array) -> JointPosterior:
+    def with_sonar(self, A: Any, gradient: Array, step: Array) -> JointPosterior:
         """The Gaussian that the sensors and the sonar make together.
 
         Parameters
@@ -107,11 +107,13 @@ class KnotSystem:
         A : scipy.sparse array, shape (3 m, 3 m)
             The sonar's information on a step (dn, de, dyaw) of the knots, where these touch.
         gradient : ndarray, shape (3 m,)
-            The sonar alone would solve ``A step = gradient``.
+            The sonar alone would solve ``A (x - step) = gradient``.
+        step : ndarray, shape (m, 3)
+            From where the sensors were linearised to where the sonar was.
         """
         whole = self._H + self._among_outer(A)
         right = self.right[-whole.shape[0] :].copy()
-        right[self.planar, 0] += gradient
+        right[self.planar, 0] += gradient + A @ step.ravel()
         factor = _eliminated(whole, *self._fronts, self._meeting)
         return JointPosterior(self, factor, factor.solve(right))
 

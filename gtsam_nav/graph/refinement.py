@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -42,6 +42,9 @@ MOST_RESIDUALS = 2_000_000
 MAX_STEPS = 25
 """Without a sonar; reweighed least squares under a kernel takes its time."""
 CONVERGED_STEP = 1e-3
+ALL_BUT_LINEAR = np.array([0.1, 0.1, np.radians(0.3)])
+"""Steps of a knot (n, e, yaw) beyond which sensors are linearised, and walls and pairs of scans
+found anew: what is bent within is less than a millimetre."""
 MAX_KNOT_SPACING_S = 20.0
 """Where scans are further apart, the keyframes between them are knots too."""
 
@@ -90,6 +93,16 @@ class Refined:
     posterior: SensorPosterior | JointPosterior
     iterations: int
     converged: bool
+
+
+class _Surroundings(NamedTuple):
+    """Scans to be compared; of each echo the normal of its wall (k, 2), whether it lies on one,
+    and whether it may have partners."""
+
+    pairs: ScanPairs
+    normal: Array
+    is_line: BoolArray
+    eligible: BoolArray
 
 
 def refine_without_sonar(graph: Any, values: Any, problem: Problem) -> Refined:
@@ -155,36 +168,51 @@ class JointRefinement:
         s = self.settings
         gate, count, settled = s.first_gate_m, 0, False
         posterior: JointPosterior | None = None
+        system: KnotSystem | None = None
         while not settled and count < s.max_iterations:
             posterior = None  # its fronts make room for the next ones
             origin = self._planar_of(values)
-            pairs = self._scan_pairs(origin)
-            # the sensors anew each time: a turn of the whole track, linear, would stretch it
-            system = KnotSystem(graph, values, self.knots.keyframes, self.problem, pairs.touching)
-            posterior = system.with_sonar(*self._normal_equations(origin, pairs, gate))
-            del system
+            if system is None:
+                # the sensors anew after a turn of the whole track: linear, it would stretch it
+                surroundings, keyframes = self._surroundings(origin), self.knots.keyframes
+                touching = surroundings.pairs.touching
+                system = KnotSystem(graph, values, keyframes, self.problem, touching)
+                before = np.zeros((len(keyframes), 3))
+            A, gradient = self._normal_equations(origin, surroundings, gate)
+            posterior = system.with_sonar(A, gradient, before)
             values = posterior.moved()
-            moved = np.max(np.abs(posterior.planar[:, :2]), axis=1)
+            moved = np.max(np.abs(posterior.planar - before)[:, :2], axis=1)
+            before = posterior.planar
             largest, knot = float(np.max(moved)), int(np.argmax(moved))
             log.debug("refinement: largest step %.3f m at knot %d", largest, knot)
             settled = gate <= s.last_gate_m and largest < s.converged_m
             gate = max(gate * s.gate_factor, s.last_gate_m)
             count += 1
+            if np.any(np.abs(before) > ALL_BUT_LINEAR):
+                system = None
             progress("refinement", count / s.max_iterations)
         progress("refinement", 1.0)
         log.info("joint refinement: %d iterations, converged: %s", count, settled)
         assert posterior is not None  # nobody calls this for no iteration
         return Refined(values, posterior, count, settled)
 
-    def _scan_pairs(self, knots: Array) -> ScanPairs:
-        """The scans to be compared, as they lie at given poses of the knots."""
+    def _surroundings(self, knots: Array) -> _Surroundings:
+        """What the scans show of each other as they lie at given poses of the knots."""
+        from gtsam_nav.graph._echo_kernel import fixed_points, grid, local_lines, sorted_by_x
+
+        s = self.settings
         near = nearby_scans(
             knots[self._scan_knot, :2],
             np.diff(self.scan_first),
-            self.settings.neighbour_radius_m,
-            self.settings.max_neighbours,
+            s.neighbour_radius_m,
+            s.max_neighbours,
         )
-        return ScanPairs(near, self.knots.knot, self.scan_first, len(knots))
+        xy = self._place(knots).xy
+        by_x = sorted_by_x(xy, self.scan, self.scan_first)
+        normal, is_line = local_lines(by_x, s.line_radius_m, s.line_thickness_m)
+        fixes = fixed_points(xy, grid(xy, s.point_radius_m), normal, is_line, s.point_radius_m)
+        pairs = ScanPairs(near, self.knots.knot, self.scan_first, len(knots))
+        return _Surroundings(pairs, normal, is_line, is_line | fixes)
 
     def _planar_of(self, values: Any) -> Array:
         """North, east and yaw of the knots, yaw unwrapped beside the motion's; shape (m, 3)."""
@@ -194,25 +222,17 @@ class JointRefinement:
         beside = self._knot_yaw + wrap_angle(yaw - self._knot_yaw)
         return np.column_stack([ne, beside])
 
-    def _normal_equations(self, knots: Array, pairs: ScanPairs, gate: float) -> tuple[Any, Array]:
+    def _normal_equations(
+        self, knots: Array, surroundings: _Surroundings, gate: float
+    ) -> tuple[Any, Array]:
         """Sonar's information on the knots, sparse (3m, 3m), and the gradient (3m,) there."""
         from gtsam_nav.graph._echo_equations import squared_residuals
-        from gtsam_nav.graph._echo_kernel import (
-            fixed_points,
-            grid,
-            local_lines,
-            partners,
-            sorted_by_x,
-        )
+        from gtsam_nav.graph._echo_kernel import partners, sorted_by_x
 
         placed = self._place(knots)
         xy, cov = placed.xy, placed.cov
-        s = self.settings
+        pairs, normal, is_line, eligible = surroundings
         by_x = sorted_by_x(xy, self.scan, self.scan_first)
-        normal, is_line = local_lines(by_x, s.line_radius_m, s.line_thickness_m)
-        eligible = is_line | fixed_points(
-            xy, grid(xy, s.point_radius_m), normal, is_line, s.point_radius_m
-        )
         i, j, first = partners(pairs.scans, by_x, gate, normal, is_line, eligible)
         i, j, first = self._keep_trusted_points(i, j, first, is_line)
         weight = self._weights(i, squared_residuals(i, j, xy, cov, normal, is_line), is_line)

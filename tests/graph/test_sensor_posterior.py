@@ -164,11 +164,11 @@ def test_covariance_does_not_depend_on_how_many_columns_are_solved_at_once(
     assert_same_covariance(again.planar_cov, case.posterior.planar_cov, 1e-9)
 
 
-@pytest.mark.parametrize("most_between", [0, 1, 8])
+@pytest.mark.parametrize(("most_between", "step"), [(0, 0.0), (1, 0.3), (8, 0.0)])
 def test_sensors_and_sonar_equal_the_dense_system(
-    case: Case, most_between: int, monkeypatch: pytest.MonkeyPatch
+    case: Case, most_between: int, step: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The sonar's information is added to the dense normal equations."""
+    """The sonar's information is added to the dense normal equations, wherever it was taken."""
     monkeypatch.setattr("gtsam_nav.graph.knot_system.MOST_BETWEEN", most_between)
     monkeypatch.setattr("gtsam_nav.graph.dissection.LARGEST_UNDIVIDED", 2)
     dense = dense_solution(case, KNOTS)
@@ -182,7 +182,9 @@ def test_sensors_and_sonar_equal_the_dense_system(
 
     touching = coo_array(np.ones((12, 12)))
     knots = KnotSystem(case.graph, case.values, KNOTS, case.problem, touching)
-    joint = knots.with_sonar(coo_array(information), gradient)
+    taken = step * np.tile(sigma[:3], (4, 1))
+    there = gradient - information @ taken.ravel()
+    joint = knots.with_sonar(coo_array(information), there, taken)
     n, columns = len(knots.system.g), knots.system.columns
     assert_close_in_sigmas(joint.planar.ravel(), P.T @ mean, P.T @ cov @ P, 1e-3)
     np.testing.assert_allclose(joint.constants.mean, mean[n:], atol=1e-6)
