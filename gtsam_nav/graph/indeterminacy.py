@@ -146,7 +146,7 @@ def _state(problem: Problem, key: int) -> str:
         names = [name for name, own in problem.range_scales.items() if own == key]
         return f"range scale of '{names[0] if names else index}'"
     k = index % RECEIVER_STRIDE
-    if kind == "m" and index >= RECEIVER_STRIDE:
+    if kind == "m" and k == len(problem.t):
         return "constant compass bias"
     what = _STATES.get(kind, f"state '{kind}'")
     return f"{what} of keyframe {k} at {problem.t[min(k, len(problem.t) - 1)]:.1f} s"

@@ -84,11 +84,12 @@ class Factor:
             width = end - first
             L = cholesky(A[:width, :width], lower=True, check_finite=False)
             W = solve_triangular(L, A[width:, :width].T, lower=True, check_finite=False)
-            rest = A[width:, width:] - W.T @ W
+            rest = _less_square(A[width:, width:], W)
             if self._parent[k] >= 0:
                 brought[self._parent[k]].append((border, rest))
             elif len(border):
-                self._remainders.append((border - self._n_eliminated, rest))
+                whole = np.tril(rest) + np.tril(rest, -1).T
+                self._remainders.append((border - self._n_eliminated, whole))
             yield _Front(slice(first, end), border, L, W)
             first = end
 
@@ -201,6 +202,8 @@ def _assembled(
     matrix: Any, meeting: Any, own: slice, brought: list[tuple[IntArray, Array]]
 ) -> tuple[IntArray, Array]:
     """A front's border, and the lower triangle of its matrix with what its children left."""
+    from gtsam_nav.graph._front_kernel import add_lower
+
     width = own.stop - own.start
     entries = slice(matrix.indptr[own.start], matrix.indptr[own.stop])
     row, value = matrix.indices[entries], matrix.data[entries]
@@ -208,15 +211,25 @@ def _assembled(
     later = row >= own.start
     row, value, column = row[later], value[later], column[later]
     met = meeting.indices[meeting.indptr[own.start] : meeting.indptr[own.stop]]
-    touched = np.concatenate([row, met, *(border for border, _ in brought)])
-    border = np.unique(touched[touched >= own.stop]).astype(np.int64)
+    touched = np.zeros(matrix.shape[0] - own.stop, dtype=bool)
+    for rows in (row, met, *(border for border, _ in brought)):
+        touched[rows[rows >= own.stop] - own.stop] = True
+    border = np.flatnonzero(touched) + own.stop
     rows = np.concatenate([np.arange(own.start, own.stop), border])
-    A = np.zeros((len(rows), len(rows)))
+    A = np.zeros((len(rows), len(rows)), order="F")
     A[np.searchsorted(rows, row), column] = value
     for theirs, rest in brought:
-        here = np.searchsorted(rows, theirs)
-        A[np.ix_(here, here)] += rest
+        add_lower(A, np.searchsorted(rows, theirs), rest)
     return border, A
+
+
+def _less_square(A: Array, W: Array) -> Array:
+    """``A - W' W``, of which only the lower triangle means anything."""
+    from scipy.linalg.blas import dsyrk
+
+    if A.size == 0:
+        return A
+    return np.asarray(dsyrk(-1.0, W, 1.0, A.copy(order="F"), trans=1, lower=1, overwrite_c=1))
 
 
 def _inverse(front: _Front, beyond: Array, solve_triangular: Any) -> tuple[IntArray, Array]:

@@ -24,8 +24,7 @@ from gtsam_nav.preprocess.strapdown import gravity_at
 from gtsam_nav.series import IntArray
 
 RECEIVER_STRIDE = 10**7
-"""Apart in the numbering of GNSS errors, and of constants of the compass: more keyframes than any
-mission has."""
+"""Apart in the numbering of GNSS errors: more keyframes than any mission has."""
 
 
 NO_KERNEL = Robustness(kernel="none")

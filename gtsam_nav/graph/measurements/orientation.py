@@ -13,7 +13,7 @@ from gtsam_nav.frames import Array, rotation_from_rpy, wrap_angle
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import M, X
 from gtsam_nav.graph.gauss_markov import gauss_markov
-from gtsam_nav.graph.problem import RECEIVER_STRIDE, Problem
+from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.readings import Reading, StateAt
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.edge_motion import moves_by_edges
@@ -23,10 +23,6 @@ from gtsam_nav.series import IntArray
 
 UNMEASURED_TURN_RAD2_S = np.radians(3.0) ** 2
 """Growth of the variance of a turn that neither gyro nor compass saw."""
-STRETCH = 50
-"""Keyframes that share a state for the compass's constant bias."""
-STIFF = 1e10
-"""Precision that ties two of these states: 1e-5 rad from one to the next."""
 
 
 def add(problem: Problem, mission: Mission, config: Config) -> None:
@@ -48,7 +44,10 @@ def _add_compass(problem: Problem, mission: Mission) -> None:
     noise = HeadingNoise.model_validate(sensor.noise)
     if noise.bias_sigma_deg == 0 and noise.disturbance_sigma_deg == 0:
         return
-    problem.compass = constant = _constant(problem, float(np.radians(noise.bias_sigma_deg)))
+    constant = M(len(problem.t))
+    problem.add_variable(0, constant, gtsam.NavState())
+    problem.add(0, "heading", factors.compass_prior(constant, np.radians(noise.bias_sigma_deg)))
+    problem.compass = [constant] * len(problem.t)
     if noise.disturbance_sigma_deg == 0:
         return
     spread = float(np.radians(noise.disturbance_sigma_deg))
@@ -57,32 +56,15 @@ def _add_compass(problem: Problem, mission: Mission) -> None:
     for k in range(len(problem.t)):
         problem.variables[k].append((M(k), _frame_before(k)))
         problem.add(k, "heading", factors.compass_pin(M(k)))
-        problem.add(k, "heading", factors.compass_link(constant[k], M(k), disturbance.tie[k]))
+        problem.add(k, "heading", factors.compass_link(constant, M(k), disturbance.tie[k]))
         if k:
             link = factors.compass_link(M(k - 1), M(k), disturbance.link[k - 1])
             problem.add(k, "heading", link)
 
 
 def _frame_before(k: int) -> Callable[[StateAt], Any]:
-    """First value of a compass frame."""
+    """First value of a compass frame: nearer than zero, it need not be linearised anew."""
     return lambda state_at: state_at(M(k - 1)) if k else gtsam.NavState()
-
-
-def _constant(problem: Problem, sigma: float) -> list[int]:
-    """Key of the constant bias for each keyframe: one a stretch, tied stiffly to the next.
-
-    A single one would be a neighbour of every keyframe, and iSAM2 would solve for all of them
-    whenever it has learnt of the last.
-    """
-    keys = [M(RECEIVER_STRIDE + k - k % STRETCH) for k in range(len(problem.t))]
-    for k in range(0, len(problem.t), STRETCH):
-        problem.add_variable(k, keys[k], gtsam.NavState())
-        if k:
-            problem.add(k, "heading", factors.compass_pin(keys[k]))
-            problem.add(k, "heading", factors.compass_link(keys[k - 1], keys[k], STIFF))
-        else:
-            problem.add(k, "heading", factors.compass_prior(keys[k], sigma))
-    return keys
 
 
 def _add_orientations(problem: Problem, mission: Mission, config: Config) -> None:
