@@ -114,7 +114,7 @@ CASES = (
     Case("ins-ekf", overrides=FIXES),
     Case("graph", overrides=FIXES),
     Case("graph", overrides=(*FIXES, NO_SONAR)),
-    Case("graph", noise="matched, no IMU", overrides=FIXES, promised=False),
+    Case("graph", noise="matched, no IMU", overrides=FIXES),
     Case("landmark-ekf", overrides=NO_FIXES),
     Case("landmark-ekf", noise="matched, odometry alone", overrides=NO_FIXES),
     Case("dr", overrides=NO_FIXES),

@@ -33,6 +33,13 @@ def test_between_keyframes_too_the_estimate_is_as_good_as_it_says(method: str) -
 
 
 @pytest.mark.slow
+def test_without_an_imu_the_heading_is_as_good_as_it_says() -> None:
+    means = mean_per_dof(Case("graph", noise="matched, no IMU", overrides=FIXES), 6, 200.0)
+    for name, mean in means.items():
+        assert 0.5 < mean < 1.1, name
+
+
+@pytest.mark.slow
 def test_an_outcome_has_a_row_a_quantity_and_a_sensor() -> None:
     case = Case("ins-ekf", "laps")
     rows = outcome(case, range(2), workers=1, duration_s=30.0).rows()
