@@ -116,16 +116,21 @@ def between_scans(track: ScanTrack, history: PoseHistory) -> Trajectory:
 def _bridge(track: ScanTrack, after: IntArray, f: Array) -> Array:
     """What the track may be off at fractions (r,) of the way to a scan, tied to it and the last.
 
-    A random walk is a Brownian bridge then. A compass's drift is one of the heading; the way that
-    it turns aside is its integral, and tied at both ends in its direction too.
+    A random walk is a Brownian bridge then, less where it is tied not at two times but to its means
+    over the beams of both scans: in the middle a quarter of an interval T less two thirds of their
+    span. A compass's drift is one of the heading; the way that it turns aside is its integral, and
+    tied at both ends in its direction too.
     """
     here = track.record[after]
+    interval_s = track.t[after] - track.t[np.maximum(after - 1, 0)]
+    covered = np.minimum(track.span_s / np.where(after > 0, interval_s, np.inf), 1.0)
+    bridge = f * (1 - f)
+    tied = bridge * (1 - 2 / 3 * covered)
     total = track.displacement_cov[here]
     white = track.filtered.P[here][:, PLANAR[:, None], PLANAR]
     if track.drift is None:
-        return np.asarray((f * (1 - f))[:, None, None] * white)
-    tied = f * (1 - f)
-    by_drift = np.column_stack([tied, tied, np.sqrt(tied)])
+        return np.asarray(tied[:, None, None] * white)
+    by_drift = np.column_stack([bridge, bridge, np.sqrt(tied)])
     cov = by_drift[:, :, None] * (total - white) * by_drift[:, None]
     cov[:, :2, :2] += tied[:, None, None] * white[:, :2, :2]
     return np.asarray(cov)

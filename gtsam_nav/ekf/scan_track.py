@@ -52,6 +52,8 @@ class ScanTrack:
         Record of each scan's reference time.
     complete_s : ndarray, shape (n,)
         When the last beam of each scan came in.
+    span_s : float
+        Usual time between the first and the last beam of a scan.
     displacement_cov : ndarray, shape (r, 3, 3)
         Of north, east and yaw at each record since the scan before it; before the first, of the
         pose itself. What a compass measures anew at each time counts in full.
@@ -82,6 +84,7 @@ class ScanTrack:
     sonar: SonarData
     record: IntArray
     complete_s: Array
+    span_s: float
     displacement_cov: Array
     first_cov: Array
     drift: CompassDrift | None
@@ -204,6 +207,7 @@ def follow_scans(mission: Mission, config: Config) -> ScanTrack:
         sonar=sonar,
         record=record,
         complete_s=beam_s[turns.last - 1],
+        span_s=span_s,
         displacement_cov=displacement_cov,
         first_cov=_first_cov(displacement_cov[record[0]], drift, span_s),
         drift=drift,

@@ -36,6 +36,7 @@ from gtsam_nav.sonar.defects import WHOLE_SENSOR
 METHODS = ("scan-match", "pose-ekf")
 RADIUS_M, SPEED_M_S, LAPS = 12.0, 1.0, 2
 SCAN_EVERY_S = 3.0
+XYR = [0, 1, 3]
 STOP_S = LAPS * 2 * np.pi * RADIUS_M / SPEED_M_S
 
 
@@ -214,6 +215,26 @@ def test_between_two_scans_a_drift_turns_the_way_as_drawn() -> None:
     stated = _bridge(track, np.array([5]), np.array([0.5]))[0, :2, :2] - white
     assert np.trace(stated) == pytest.approx(np.trace(seen), rel=0.3)
     assert np.trace(white) > 0.0
+
+
+def test_between_scans_that_fill_the_time_a_walk_is_tied_to_their_means() -> None:
+    track = follow_scans(circling(), load_config())
+    here, (first, last) = track.record[5], track.t[4:6]
+    steps, growth = 300, float(track.filtered.P[here, 0, 0]) / (last - first)
+    walk_step = np.sqrt(growth * (last - first) / steps)
+    # from the first beam of one scan to the last of the next, of equal lengths
+    walks = np.cumsum(
+        np.random.default_rng(7).normal(scale=walk_step, size=(4000, 2 * steps)), axis=1
+    )
+    means = walks.reshape(-1, 2, steps).mean(axis=2)
+    at_scan, between = walks[:, steps // 2] - means[:, 0], walks[:, steps] - means.mean(axis=1)
+    for span_s, seen in ((last - first, np.var(between) - np.var(at_scan)), (0.0, None)):
+        filled = replace(track, span_s=span_s)
+        cov = _bridge(filled, np.array([5]), np.array([0.5]))[0]
+        by_drift = (track.displacement_cov[here] - track.filtered.P[here][np.ix_(XYR, XYR)])[:2, :2]
+        stated = cov[0, 0] - by_drift[0, 0] / 16
+        expected = seen if seen is not None else 0.25 * growth * (last - first)
+        assert stated == pytest.approx(expected, rel=0.12)
 
 
 def test_a_compass_error_that_matches_show_is_carried_on() -> None:
