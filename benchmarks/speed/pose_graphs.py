@@ -38,7 +38,7 @@ from gtsam_nav.graph.settling import settle
 CITY, SPHERE, PARK = "T1_city10000_04.txt", "sphere2500.txt", "victoria_park.txt"
 WHOLE = {CITY: 10_000, SPHERE: 2500, PARK: 7120}
 SHORT = {CITY: 2000, SPHERE: 500, PARK: 1500}
-"""So many poses are enough; all of them take minutes. (The park's trees are numbered among them.)"""
+"""So many poses are enough; all of them take minutes. The park's trees are numbered among them."""
 LEAST_SQUARES = (
     "graph.robust.loops.kernel=none",
     "graph.robust.velocity.kernel=none",
