@@ -19,8 +19,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from gtsam_nav.frames import Array, rotation_from_rpy
-from gtsam_nav.graph import factors, sighting_factors
+from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import G, L, M, X
+from gtsam_nav.graph.measurements.sightings import Seen, SightingFactors
 from gtsam_nav.mission import Sensor
 from gtsam_nav.sensors import depth, dvl, gnss, landmarks, motion_constraints, orientation
 from gtsam_nav.sensors.prediction import BodyState, Prediction
@@ -137,20 +138,16 @@ def sighting(state: BodyState, rng: np.random.Generator, spread: float, *, eleva
         sigma_range=rng.uniform(0.1, 1.0),
         sigma_bearing=rng.uniform(0.01, 0.1),
     )
-    prediction = landmarks.predict(state, landmark_n, seen, sensor)
-    factor = sighting_factors.sighting(
-        X(0),
-        L(0),
-        state.R_nb.T @ (landmark_n - state.p_n),
-        prediction.jacobian_landmark @ state.R_nb,
-        prediction.residual,
-        seen.sigma,
-    )
+    body = factors.nav_state(state.R_nb, state.p_n, state.v_n)
+    landmark = factors.nav_state(np.eye(3), landmark_n, np.zeros(3))
+    states = {int(X(0)): body, int(L(0)): landmark}
+    made = SightingFactors([Seen(0, int(L(0)), seen, sensor, level=False)])
+    (factor,) = made([0], states.__getitem__)
     return Case(
         lambda s: landmarks.predict(s, landmark_n, seen, sensor),
         factor,
         slice(0, len(seen.measured)),
-        {L(0): factors.nav_state(np.eye(3), landmark_n, np.zeros(3))},
+        {L(0): landmark},
     )
 
 
