@@ -13,7 +13,7 @@ from gtsam_nav.config import Config
 from gtsam_nav.frames import Array
 from gtsam_nav.graph import backend as backend_module
 from gtsam_nav.graph.backend import Backend, graph_of, planar_rows
-from gtsam_nav.graph.factors import X
+from gtsam_nav.graph.factors import B, M, X
 from gtsam_nav.graph.keyframes import keyframe_times
 from gtsam_nav.graph.measurements import build_problem
 from gtsam_nav.graph.online import run_online
@@ -62,6 +62,31 @@ def online_positions(mission: Mission) -> Array:
     problem = build_problem(mission, start, motion, t, config)
     passed = run_online(problem, None, np.empty(0, dtype=int), config, no_progress)
     return np.array([state.position() for state in passed.states])
+
+
+def test_slow_states_begin_where_they_are_known_to_be(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From zero, the biases of each keyframe would be linearised twice."""
+    made: list[Any] = []
+    make = backend_module._isam2
+    monkeypatch.setattr(backend_module, "_isam2", lambda stiff: made.append(make(stiff)) or made[0])
+    mission = simulate("marina", seed=3, duration_s=20.0).without("sonar", "landmarks")
+    start, motion = start_and_motion(mission, Config())
+    t = keyframe_times(*mission.span_s, np.empty(0), 5.0)
+    backend = Backend(build_problem(mission, start, motion, t, Config()))
+    for k in range(4):
+        backend.add_keyframe(k)
+        backend.update()
+        backend.state(k)
+    before, last = backend.values(), backend.problem.t.size - 1
+    backend.add_keyframe(last)
+    backend.update()
+    begun = made[0].getLinearizationPoint()
+    known = before.atConstantBias(B(last - 1)).vector()
+    assert np.linalg.norm(known) > 0.01
+    np.testing.assert_allclose(begun.atConstantBias(B(last)).vector(), known, atol=1e-12)
+    disturbance = before.atNavState(M(last - 1)).attitude().yaw()
+    assert abs(disturbance) > 1e-4
+    assert begun.atNavState(M(last)).attitude().yaw() == pytest.approx(disturbance, abs=1e-9)
 
 
 def test_where_cholesky_fails_the_pass_goes_on_by_qr(

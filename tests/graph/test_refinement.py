@@ -11,7 +11,7 @@ import pytest
 
 import gtsam_nav as gn
 from gtsam_nav.frames import Array, rotation_from_rpy
-from gtsam_nav.graph import estimator
+from gtsam_nav.graph import estimator, refinement
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.refinement import JointRefinement, Refined
 from gtsam_nav.solution import no_progress
@@ -93,4 +93,12 @@ def test_all_starts_settle_on_one_track(
     refined = start.refined(moved(start, **change))
     assert refined.converged
     assert refined.iterations <= MOST_ITERATIONS
+    np.testing.assert_allclose(start.positions(refined.values), plain, atol=SAME_M)
+
+
+def test_sensors_linearised_anew_at_each_step_lead_to_the_same(
+    start: Start, plain: Array, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(refinement, "ALL_BUT_LINEAR", np.zeros(3))
+    refined = start.refined(start.values)
     np.testing.assert_allclose(start.positions(refined.values), plain, atol=SAME_M)
