@@ -67,7 +67,7 @@ def measure(repeats: int, files: Sequence[Path], whole: bool) -> dict[str, Any]:
         named = {path.name.partition(".")[0]: path for path in (city, sphere)}
         named[f"park{poses[PARK]}"] = park
         named |= {path.name.partition(".g2o")[0]: path for path in files}
-        rows = {name: _compare(path, repeats) for name, path in named.items()}
+        rows = {name: compare(path, repeats) for name, path in named.items()}
     ratios = {
         f"{what}_{name}": row[what] for name, row in rows.items() for what in RATIOS if what in row
     }
@@ -92,7 +92,8 @@ def write_first(name: str, path: Path, poses: int) -> None:
     path.write_text("".join(kept), encoding="ascii")
 
 
-def _compare(path: Path, repeats: int) -> dict[str, Any]:
+def compare(path: Path, repeats: int) -> dict[str, Any]:
+    """Medians of one graph's figures, and their ratios."""
     gn.open_mission(path)  # imports
     runs = [_once(path) for _ in range(repeats)]
     row = {name: statistics.median(run[name] for run in runs) for name in runs[0]}
