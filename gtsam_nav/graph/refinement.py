@@ -145,7 +145,7 @@ class JointRefinement:
         self.t = echoes.t[inside]
         self.scan_first = bounds - bounds[0]
         self.scan = np.repeat(np.arange(len(turns)), np.diff(bounds))
-        # what a compass alone tells of the turn inside a scan is no better than the scan itself
+        # without a gyro the compass's disturbance strays within a scan: every keyframe corrects it
         t_knots = turns.t_ref if motion.compass_sigma is None else t_keyframes
         self.knots = knots_of(self.t, t_keyframes, t_knots)
         p_n, rpy = motion.at(self.t)

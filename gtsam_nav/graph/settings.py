@@ -126,7 +126,7 @@ class GraphSettings(Settings):
     ----------
     keyframe_interval_s : float
         Longest time between keyframes; the causal trajectory consists of them, and is scored only
-        where they are at most 5 s apart.
+        where they are at most 5 s apart. Where a compass alone tells the turns they are closer.
     anchor_spacing_s : float
         Fixes and sightings get keyframes of their own unless they follow each other faster.
     imu_min_rate_hz : float
