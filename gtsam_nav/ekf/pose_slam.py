@@ -13,6 +13,7 @@ import numpy as np
 
 from gtsam_nav.config import Config
 from gtsam_nav.ekf.augmented_state import AugmentedState
+from gtsam_nav.ekf.considered import ConsideredErrors
 from gtsam_nav.ekf.scan_registration import ScanMatch, register_scans
 from gtsam_nav.ekf.scan_solution import PoseHistory, scan_solution
 from gtsam_nav.ekf.scan_track import ScanTrack, follow_scans
@@ -71,7 +72,7 @@ class PoseFilter:
         self._settings = config.pose_ekf
         self._pic = track.pic.model_copy(update={"association": config.pose_ekf.association})
         self.state = AugmentedState(
-            len(track), track.pose(0), track.first_cov, track.match_scale_sigma
+            len(track), track.pose(0), track.first_cov, estimated_scale_sigma(track)
         )
         self.matches: list[ScanMatch] = []
         self.entered: list[Array] = [self.state.poses[-1]]
@@ -98,6 +99,15 @@ class PoseFilter:
         possible = np.all(np.isfinite(whitened))
         reason = "innovation gate" if possible else "singular innovation covariance"
         return ScanMatch(a, b, match, reason, whitened)
+
+
+def estimated_scale_sigma(track: ScanTrack) -> float:
+    """Spread of the scale of matched ways, against which the velocity can tell it; else zero.
+
+    Where the velocity's own scale is known no better, it would be taken for that of the matches.
+    """
+    known = ConsideredErrors.of(track.mission).scale
+    return track.match_scale_sigma if track.match_scale_sigma > known else 0.0
 
 
 def loop_candidates(poses: Array, radius_m: float) -> list[int]:

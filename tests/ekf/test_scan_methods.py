@@ -13,7 +13,7 @@ from gtsam_nav.config import Config, load_config
 from gtsam_nav.ekf.augmented_state import AugmentedState
 from gtsam_nav.ekf.considered import ConsideredErrors, with_considered
 from gtsam_nav.ekf.dead_reckoning import dead_reckon, filtered_trajectory
-from gtsam_nav.ekf.pose_slam import PoseFilter, loop_candidates
+from gtsam_nav.ekf.pose_slam import PoseFilter, estimated_scale_sigma, loop_candidates
 from gtsam_nav.ekf.scan_match import completed, match_consecutive
 from gtsam_nav.ekf.scan_solution import _bridge
 from gtsam_nav.ekf.scan_track import ScanTrack, follow_scans
@@ -178,6 +178,13 @@ def test_a_card_states_the_floors_of_matches_else_the_settings_do() -> None:
         for m in (circling(), stated)
     ]
     assert sigma_m[0] > 0.2 > 0.1 > sigma_m[1]
+
+
+def test_a_scale_is_estimated_where_the_velocity_knows_its_own_better() -> None:
+    """The odometry's is known to 3 %."""
+    for sigma, estimated in ((0.05, 0.05), (0.02, 0.0)):
+        track = follow_scans(with_sonar_noise(circling(), scale_sigma=sigma), load_config())
+        assert estimated_scale_sigma(track) == estimated
 
 
 def test_a_scale_of_matches_stretches_the_chain_along_its_way() -> None:

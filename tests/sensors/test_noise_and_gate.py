@@ -172,6 +172,13 @@ def test_names_of_figures_are_those_of_the_model_and_of_datasheets() -> None:
     assert len(names) == 6 + 10
 
 
+SONAR_DEFAULTS = {
+    "sigma_range_m": 0.1,
+    "sigma_bearing_deg": 1.8,
+    "scale_sigma": 0.0,
+    "match_floor_m": None,
+    "match_floor_deg": None,
+}
 DEFAULTS: dict[str, dict[str, float | bool | None]] = {
     "imu": {
         "gyro_noise_density_rad_s_sqrt_hz": 1e-3,
@@ -230,8 +237,8 @@ DEFAULTS: dict[str, dict[str, float | bool | None]] = {
         "correlation_time_s": 3.0,
         "range_scale_sigma": 0.0,
     },
-    "beams": {"sigma_range_m": 0.1, "sigma_bearing_deg": 1.8},
-    "scans": {"sigma_range_m": 0.1, "sigma_bearing_deg": 1.8},
+    "beams": SONAR_DEFAULTS,
+    "scans": SONAR_DEFAULTS,
 }
 """What a card that says nothing says: whoever changes one of these changes missions of others."""
 
