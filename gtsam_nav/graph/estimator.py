@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,20 +11,11 @@ from gtsam_nav.config import Config
 from gtsam_nav.errors import EstimationError, PackageError
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.backend import graph_of
-from gtsam_nav.graph.clock_check import suspected_constants
-from gtsam_nav.graph.cloud_loops import CloudLoops, close_cloud_loops, cloud_loop_closures
-from gtsam_nav.graph.dense import dense_trajectory
+from gtsam_nav.graph.cloud_loops import close_cloud_loops
 from gtsam_nav.graph.doubts import (
-    contradictions,
-    doubts,
-    fixes,
-    is_georeferenced,
-    missing_loops,
-    unmeasured_height,
     unsure_for_echoes,
 )
 from gtsam_nav.graph.exact_edges import refine_exactly
-from gtsam_nav.graph.exported import pose_graph
 from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.false_loops import loop_faults
 from gtsam_nav.graph.heap import give_back
@@ -33,96 +23,30 @@ from gtsam_nav.graph.indeterminacy import check_anchored, states_named
 from gtsam_nav.graph.knot_system import JointPosterior
 from gtsam_nav.graph.loop_judging import judged
 from gtsam_nav.graph.measurements import build_problem, clouds
-from gtsam_nav.graph.measurements.edges import keyframe_edges
 from gtsam_nav.graph.online import OnlinePass, run_online
 from gtsam_nav.graph.output import (
-    constant_errors,
-    keyframe_trajectory,
-    landmark_estimates,
-    loop_closures,
-    match_rejections,
-    slow_states,
     smoothed_covariances,
-    stated_closures,
 )
 from gtsam_nav.graph.outset import Ready, made_ready, mission_keyframes, start_and_motion
 from gtsam_nav.graph.problem import Problem, SensorFactor
 from gtsam_nav.graph.refinement import JointRefinement, Refined, refine_without_sonar
 from gtsam_nav.graph.scan_calibration import ScanCalibration, calibrate_by_scans, planar_of
-from gtsam_nav.graph.scan_matching import ScanMatch
 from gtsam_nav.graph.settling import Settled
+from gtsam_nav.graph.solved import EchoData, SolvedGraph, solution_of
 from gtsam_nav.graph.submap_loops import ScanLoops, close_submap_loops, with_matches
-from gtsam_nav.graph.weights import robust_weights, weighed, weightless
-from gtsam_nav.mission import Mission, Rejection
-from gtsam_nav.odometry.cloud_map import map_or_reason
+from gtsam_nav.mission import Mission
 from gtsam_nav.odometry.kiss import CloudTrack, cloud_odometry
 from gtsam_nav.preprocess.motion import VehicleMotion
 from gtsam_nav.series import IntArray
-from gtsam_nav.solution import ClockOffset, Progress, Solution, SonarMap, StageClock
+from gtsam_nav.solution import Progress, Solution, StageClock
 from gtsam_nav.sonar.echoes import Echoes
 from gtsam_nav.sonar.preparation import (
     SonarData,
     deskewed,
     leave_out_defective_sonar,
-    registered_scans,
     scans_at_once,
-    sonar_map,
     sonar_turns,
 )
-from gtsam_nav.trajectory import Trajectory
-
-
-@dataclass(frozen=True)
-class _Echoes:
-    """What sonar and clouds tell; the mission here lacks a sonar that is of no use."""
-
-    mission: Mission
-    sonar: SonarData | None
-    track: CloudTrack | None
-    by_scans: tuple[ScanCalibration, ...]
-    rejections: tuple[Rejection, ...]
-    warnings: tuple[str, ...]
-
-    @property
-    def t_scans(self) -> Array:
-        """Middles of the scans, s."""
-        return self.sonar.turns.t_ref if self.sonar else np.empty(0)
-
-    @property
-    def t_clouds(self) -> Array:
-        """Times of the clouds that are keyframes, s."""
-        return np.array([cloud.t for cloud in self.track.key] if self.track else [])
-
-
-@dataclass(frozen=True)
-class _Solved:
-    """The graph at its solution, and what became of the loops on the way.
-
-    ``graph`` is what ``refined`` rests on; ``match_factors`` are those of the ``matches`` that were
-    accepted, in their order; ``wants_false`` whether false ones were asked for;
-    ``unsure`` why the echoes were not registered jointly.
-    """
-
-    problem: Problem
-    scan_keyframe: IntArray
-    wants_false: bool
-    unsure: tuple[str, ...]
-    online: OnlinePass
-    matches: list[ScanMatch]
-    match_factors: list[SensorFactor]
-    cloud_loops: CloudLoops
-    graph: Any
-    refined: Refined
-
-    @property
-    def settled(self) -> Settled:
-        """What became of the readings."""
-        return self.cloud_loops.settled
-
-    def timed_matches(self, t_scans: Array) -> list[tuple[float, SensorFactor]]:
-        """The accepted matches' factors, with the times of their new scans."""
-        joined = (m for m in self.matches if m.accepted)
-        return [(float(t_scans[m.b]), f) for m, f in zip(joined, self.match_factors, strict=True)]
 
 
 def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
@@ -157,10 +81,10 @@ def _estimated(mission: Mission, config: Config, clock: StageClock, progress: Pr
     with clock.stage("covariance"), states_named(problem):
         give_back()
         covariances = _covariances(problem, solved.graph, solved.refined)
-    return _solution(ready, echoes, solved, covariances)
+    return solution_of(ready, echoes, solved, covariances)
 
 
-def _echoes(ready: Ready, clock: StageClock, progress: Progress) -> tuple[Ready, _Echoes]:
+def _echoes(ready: Ready, clock: StageClock, progress: Progress) -> tuple[Ready, EchoData]:
     """Deskewed scans, what they tell of clock and odometry, and the odometry of the clouds."""
     config = ready.config
     mission, echoes, rejections, warnings = leave_out_defective_sonar(ready.mission, config.sonar)
@@ -169,10 +93,12 @@ def _echoes(ready: Ready, clock: StageClock, progress: Progress) -> tuple[Ready,
     mission = ready.mission
     with clock.stage("cloud odometry"):
         track, cloud_warnings = _cloud_track(mission, config, progress)
-    return ready, _Echoes(mission, sonar, track, by_scans, rejections, (*warnings, *cloud_warnings))
+    return ready, EchoData(
+        mission, sonar, track, by_scans, rejections, (*warnings, *cloud_warnings)
+    )
 
 
-def _built(ready: Ready, echoes: _Echoes, clock: StageClock) -> Problem:
+def _built(ready: Ready, echoes: EchoData, clock: StageClock) -> Problem:
     """The problem of a mission, which something ties to the Earth."""
     config = ready.config
     t = mission_keyframes(echoes.mission, echoes.t_scans, echoes.t_clouds, config)
@@ -185,8 +111,8 @@ def _built(ready: Ready, echoes: _Echoes, clock: StageClock) -> Problem:
 
 
 def _solved(
-    problem: Problem, ready: Ready, echoes: _Echoes, clock: StageClock, progress: Progress
-) -> _Solved:
+    problem: Problem, ready: Ready, echoes: EchoData, clock: StageClock, progress: Progress
+) -> SolvedGraph:
     """The causal pass, the judgement of its loops, the batch and the refinement."""
     config, sonar = ready.config, echoes.sonar
     scan_keyframe = np.searchsorted(problem.t, echoes.t_scans)
@@ -211,7 +137,7 @@ def _solved(
         graph, refined = _refined(
             problem, settled, match_factors, cloud_loops.entries, joined, config, progress
         )
-    return _Solved(
+    return SolvedGraph(
         problem=problem,
         scan_keyframe=scan_keyframe,
         wants_false=bool(faults),
@@ -223,79 +149,6 @@ def _solved(
         graph=graph,
         refined=refined,
     )
-
-
-def _solution(
-    ready: Ready, echoes: _Echoes, solved: _Solved, covariances: dict[int, Array]
-) -> Solution:
-    """What is told of it."""
-    problem, settled, values = solved.problem, solved.settled, solved.refined.values
-    online = solved.online
-    robust, mission, t_scans = ready.config.graph.robust, echoes.mission, echoes.t_scans
-    loops = solved.cloud_loops.loops
-    stated = list(keyframe_edges(problem.t, mission))
-    rows = weighed(problem, solved.timed_matches(t_scans), settled.used, values)
-    constants = constant_errors(problem, solved.refined)
-    clock_offsets = (*ready.clocks.offsets(constants), *(c.clock for c in echoes.by_scans))
-    keyframes = _keyframes(problem.t, values, covariances)
-    trajectory = dense_trajectory(problem, values, keyframes, covariances)
-    points, map_warnings = _map(echoes.sonar, echoes.track, trajectory, ready.config)
-    return Solution(
-        method="graph",
-        trajectory=trajectory,
-        mission=mission,
-        georeferenced=is_georeferenced(problem, settled, mission),
-        online=keyframe_trajectory(problem.t[online.keyframes], online.states, online.covariances),
-        loops=(
-            *loop_closures(solved.matches, t_scans, solved.scan_keyframe, values, robust.loops),
-            *cloud_loop_closures(loops, problem, values, robust.loops),
-            *stated_closures(stated, mission, values, robust.loops),
-        ),
-        rejections=(
-            *mission.rejections,
-            *ready.motion.rejections,
-            *echoes.rejections,
-            *problem.rejections,
-            *settled.rejections,
-            *weightless(rows),
-            *match_rejections(solved.matches, t_scans),
-        ),
-        robust_weights=robust_weights(rows),
-        warnings=(
-            *_warnings(ready, echoes, solved, clock_offsets),
-            *map_warnings,
-            *unmeasured_height(keyframes),
-            *suspected_constants(mission, problem, settled, values, rows),
-            *contradictions(rows),
-        ),
-        slow_states=slow_states(problem, values, covariances, constants),
-        clock_offsets=clock_offsets,
-        pose_graph=pose_graph(
-            problem, values, solved.matches, solved.scan_keyframe, loops, stated, robust.loops
-        ),
-        sonar_map=points,
-        scans=registered_scans(mission, echoes.sonar) if echoes.sonar else None,
-        landmarks=landmark_estimates(problem, values, covariances, set(settled.factors.keys())),
-        gnss_used=fixes(problem, settled)[1],
-        n_keyframes=len(problem.t),
-    )
-
-
-def _warnings(
-    ready: Ready, echoes: _Echoes, solved: _Solved, clock_offsets: Iterable[ClockOffset]
-) -> Iterator[str]:
-    """What the user must hear of how it came about."""
-    problem, settled, refined = solved.problem, solved.settled, solved.refined
-    yield from echoes.mission.warnings
-    yield from problem.warnings
-    yield from ready.warnings
-    yield from echoes.warnings
-    yield from (warning for found in echoes.by_scans for warning in found.warnings)
-    yield from solved.cloud_loops.warnings
-    yield from solved.unsure
-    yield from (warning for offset in clock_offsets for warning in offset.warnings)
-    yield from doubts(problem, settled, converged=refined.converged)
-    yield from missing_loops(solved.wants_false, solved.matches)
 
 
 def _scan_loops(
@@ -341,13 +194,6 @@ def _refined(
     return graph, refine_without_sonar(graph, settled.values, problem)
 
 
-def _keyframes(t: Array, values: Any, covariances: dict[int, Array]) -> Trajectory:
-    """The keyframes of a solution as a trajectory."""
-    keys = [X(k) for k in range(len(t))]
-    states = [values.atNavState(key) for key in keys]
-    return keyframe_trajectory(t, states, [covariances[key] for key in keys])
-
-
 def _with_scans(
     ready: Ready, echoes: Echoes | None
 ) -> tuple[Ready, SonarData | None, tuple[ScanCalibration, ...]]:
@@ -382,17 +228,6 @@ def _cloud_track(
         return track, track.warnings if track is not None else ()
     except (EstimationError, PackageError) as error:
         return None, (f"the clouds are not used: {error}",)
-
-
-def _map(
-    sonar: SonarData | None, track: CloudTrack | None, trajectory: Trajectory, config: Config
-) -> tuple[SonarMap | None, tuple[str, ...]]:
-    """Map of the sonar's echoes, else of the clouds; and why there is none of these."""
-    if sonar is not None:
-        return sonar_map(sonar.echoes, trajectory), ()
-    if track is None:
-        return None, ()
-    return map_or_reason(track, trajectory, config.open3d.voxel_m)
 
 
 def _covariances(problem: Problem, graph: Any, refined: Refined) -> dict[int, Array]:
