@@ -26,8 +26,8 @@ from gtsam_nav.graph.sensor_posterior import (
 )
 from gtsam_nav.series import IntArray
 
-FEW = 10
-"""One group of so many variables of the graph is answered sooner by GTSAM's own."""
+FEW = 50
+"""So few groups are answered sooner by GTSAM's own, whose time for each grows with the graph."""
 
 
 def joint_covariances(
@@ -52,7 +52,7 @@ def joint_covariances(
     """
     if not groups:
         return []
-    if not is_stiff and FEW * len(groups) > values.size():
+    if not is_stiff and len(groups) > FEW:
         try:
             return _by_fronts(graph, values, groups)
         except np.linalg.LinAlgError:

@@ -60,7 +60,7 @@ def test_they_are_the_graphs_own_wherever_the_variables_lie(
         *((X(2), key) for key in problem.landmarks.values()),
     ]
     slow = Covariances(graph, values)
-    many = joint_covariances(graph, values, groups * (1 + values.size() // FEW))
+    many = joint_covariances(graph, values, groups * (1 + FEW))
     for keys, got in zip(groups, many, strict=False):
         wanted = slow.joint(list(keys))
         np.testing.assert_allclose(in_sigmas(got, wanted), in_sigmas(wanted, wanted), 0, 1e-3)
