@@ -22,8 +22,9 @@ from gtsam_nav.graph.sensor_posterior import sensor_posterior
 log = logging.getLogger(__name__)
 
 MAX_ROUNDS = 10
-LEAST_GAIN = 1e-5
-"""Share of the cost that a round must take off for another one to follow."""
+LEAST_GAIN, LEAST_COST = 1e-5, 1e-6
+"""Share of the cost, were it no less than this, that a round must take off for another one to
+follow."""
 
 
 def refine_exactly(graph: Any, values: Any, problem: Problem) -> tuple[Any, Refined]:
@@ -41,7 +42,7 @@ def refine_exactly(graph: Any, values: Any, problem: Problem) -> tuple[Any, Refi
     while gain > LEAST_GAIN and rounds < MAX_ROUNDS:
         moved = solve_batch(graph, values)
         there = _made_at(moved, graph, problem)
-        gain = 1.0 - there.error(moved) / max(cost, np.finfo(float).tiny)
+        gain = (cost - there.error(moved)) / max(cost, LEAST_COST)
         if gain > 0.0:
             graph, values, cost = there, moved, there.error(moved)
         rounds += 1

@@ -13,13 +13,15 @@ MIN_SPACING_S = 0.05
 """Start and stop give way to an anchor that is nearer than this."""
 
 
-def merged_anchors(times: Iterable[Array], min_spacing_s: float) -> Array:
+def merged_anchors(
+    times: Iterable[Array], min_spacing_s: float, stated: Array | None = None
+) -> Array:
     """Times at which keyframes must be, from several lists; earlier lists come first.
 
     A time that is nearer than the spacing to one that is kept already is left out: what was
-    measured then is carried to its neighbour.
+    measured then is carried to its neighbour. The stated ones are kept all.
     """
-    kept = np.empty(0)
+    kept = np.empty(0) if stated is None else np.unique(stated)
     for group in times:
         own = np.unique(group)
         if not len(kept) and np.all(np.diff(own) >= min_spacing_s):

@@ -107,7 +107,7 @@ def run_online(
     done = _Running(Backend(problem))
     scans, closes_loops = (sonar.scans, not sonar.at_once) if sonar else ([], False)
     poses: list[PlanarPose] = []
-    is_stated = problem.has_stated_loops and sonar is None
+    is_stated = problem.is_pose_graph and sonar is None
     most = MOST_STATED_UPDATES if is_stated else MOST_UPDATES
     step = max(config.graph.keyframes_per_update, -(-len(problem.t) // most))
     for begin in range(0, len(problem.t), step):

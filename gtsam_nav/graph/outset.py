@@ -21,7 +21,7 @@ from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.alignment import Alignment, align
 from gtsam_nav.preprocess.compass_steps import without_compass_steps
 from gtsam_nav.preprocess.compass_turns import disturbance_walk_rad2_s, turned_by_compass
-from gtsam_nav.preprocess.edge_motion import edge_motion, moves_by_edges
+from gtsam_nav.preprocess.edge_motion import edge_motion, moves_by_edges, where_edges_lead
 from gtsam_nav.preprocess.identified import identified, unidentified
 from gtsam_nav.preprocess.inertial_motion import inertial_motion
 from gtsam_nav.preprocess.landmark_start import landmark_start
@@ -69,6 +69,8 @@ def made_ready(mission: Mission, config: Config, clock: StageClock, progress: Pr
     else:
         with clock.stage("association"):
             mission, config = _identified(mission, config)
+    if moves_by_edges(mission):
+        mission = where_edges_lead(mission)
     with clock.stage("motion"):
         mission, warnings = without_compass_steps(mission)
         start, motion = start_and_motion(mission, config)
@@ -138,12 +140,11 @@ def _start_on_map(mission: Mission, config: Config) -> Alignment | None:
 def mission_keyframes(mission: Mission, t_scans: Array, t_clouds: Array, config: Config) -> Array:
     """Keyframes at edges' poses, scans, clouds and sightings; where the IMU carries all, at fixes
     and silences too; and often where a compass alone tells the turns."""
+    stated = None if mission.edges is None else np.unique(mission.edges.t)
+    if stated is not None and moves_by_edges(mission):  # there is nothing between their poses
+        return stated
     anchors = [t_scans, t_clouds, *(sensor.series.t for sensor in mission.of_type("landmarks"))]
-    if mission.edges is not None:
-        anchors.insert(0, mission.edges.t.ravel())
     interval_s = config.graph.keyframe_interval_s
-    if moves_by_edges(mission):  # there is nothing between their poses
-        interval_s = float(np.ptp(mission.span_s))
     imu = preintegrable(mission, config.graph.imu_min_rate_hz)
     if imu is not None and not measures_velocity(mission):
         assert isinstance(imu.series, ImuSeries)
@@ -153,7 +154,7 @@ def mission_keyframes(mission: Mission, t_scans: Array, t_clouds: Array, config:
             interval_s = min(interval_s, ROLLING_INTERVAL_S)
     if turned_by_compass(mission):
         interval_s = min(interval_s, _compass_interval_s(mission))
-    merged = merged_anchors(anchors, config.graph.anchor_spacing_s)
+    merged = merged_anchors(anchors, config.graph.anchor_spacing_s, stated)
     return keyframe_times(*mission.span_s, merged, interval_s)
 
 

@@ -153,8 +153,8 @@ class Problem:
         Timing errors that are estimated beside the trajectory.
     compass : list of int
         Key of the compass frame of each keyframe; empty without a compass.
-    has_stated_loops : bool
-        Whether edges that the mission states close loops.
+    is_pose_graph : bool
+        Whether the edges that the mission states, loops among them, join all keyframes.
     exact : list of (SensorFactor, callable)
         Factors whose distance is what it should be near given states alone, as remade there.
     landmarks : dict of int to int
@@ -187,7 +187,7 @@ class Problem:
     constants: list[ConstantError] = field(default_factory=list)
     timing: TimingEffect | None = None
     compass: list[int] = field(default_factory=list)
-    has_stated_loops: bool = False
+    is_pose_graph: bool = False
     exact: list[tuple[SensorFactor, Callable[[StateAt], Any]]] = field(default_factory=list)
     landmarks: dict[int, int] = field(default_factory=dict)
     level_landmarks: set[int] = field(default_factory=set)

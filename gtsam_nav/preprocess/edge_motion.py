@@ -6,6 +6,8 @@ where neighbours are joined, the chain of their edges. Between poses nothing is 
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from gtsam_nav.errors import DataError
@@ -16,11 +18,34 @@ from gtsam_nav.preprocess.motion import VehicleMotion, measures_velocity
 from gtsam_nav.series import IntArray
 
 
+def edges_in_space(mission: Mission) -> bool:
+    """Whether there are edges that tell roll, pitch and depth too."""
+    return mission.edges is not None and mission.edges.in_space
+
+
 def moves_by_edges(mission: Mission) -> bool:
     """Whether edges in space are all that tells of the motion."""
-    edges = mission.edges
     measured = mission.first("imu") is not None or measures_velocity(mission)
-    return edges is not None and edges.in_space and not measured
+    return edges_in_space(mission) and not measured
+
+
+def where_edges_lead(mission: Mission) -> Mission:
+    """What was measured from the first to the last pose of the edges, and a warning of the rest."""
+    assert mission.edges is not None
+    first, last = mission.edges.span_s
+    outside = [
+        sensor.name
+        for sensor in mission.sensors.values()
+        if np.any((sensor.series.t < first) | (sensor.series.t > last))
+    ]
+    if not outside:
+        return mission
+    warning = (
+        f"edges alone tell the motion, from {first:.1f} to {last:.1f} s: what {', '.join(outside)}"
+        " measured before and after is left out"
+    )
+    cropped = mission.crop(first, float(np.nextafter(last, np.inf)))
+    return replace(cropped, warnings=(*cropped.warnings, warning))
 
 
 def edge_motion(mission: Mission, start: Alignment) -> VehicleMotion:

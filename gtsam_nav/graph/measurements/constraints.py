@@ -10,6 +10,7 @@ from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.problem import ConstantError, Problem
 from gtsam_nav.mission import Mission, Sensor
+from gtsam_nav.preprocess.edge_motion import edges_in_space
 from gtsam_nav.preprocess.rest import SPELL_S, Rest, Spells, initial_rest
 from gtsam_nav.preprocess.stated_rest import stated_rests
 from gtsam_nav.sensors.noise import ImuNoise
@@ -23,9 +24,8 @@ TELL_HEIGHT_OR_TILT = ("imu", "attitude", "depth", "dvl", "gnss")
 
 def is_planar(mission: Mission) -> bool:
     """Whether a ground robot's odometry is all that moves it: then its floor is level."""
-    return mission.first("odometry") is not None and not any(
-        mission.of_type(kind) for kind in TELL_HEIGHT_OR_TILT
-    )
+    told = any(mission.of_type(kind) for kind in TELL_HEIGHT_OR_TILT) or edges_in_space(mission)
+    return mission.first("odometry") is not None and not told
 
 
 def rolls(mission: Mission, config: Config) -> bool:

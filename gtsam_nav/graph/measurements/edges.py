@@ -103,10 +103,13 @@ def joined(t_keyframes: Array, mission: Mission) -> BoolArray:
 def add(problem: Problem, mission: Mission, config: Config) -> None:
     """Every edge as it stands; those that close loops under the loops' kernel."""
     robust, are_all = config.graph.robust, moves_by_edges(mission)
+    reached, loops = set(), 0
     for edge in keyframe_edges(problem.t, mission):
         kernel = robust.loops if edge.is_loop else robust.velocity
         sensor = LOOP if edge.is_loop else "velocity"
         entry = problem.add(max(edge.a, edge.b), sensor, edge.factor, kernel, edge.row)
-        problem.has_stated_loops |= edge.is_loop
+        reached |= {edge.a, edge.b}
+        loops += edge.is_loop
         if are_all:
             problem.exact.append((entry, edge.by_logarithm))
+    problem.is_pose_graph = loops > 0 and len(reached) == len(problem.t)

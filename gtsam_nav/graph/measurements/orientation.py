@@ -16,7 +16,7 @@ from gtsam_nav.graph.gauss_markov import gauss_markov
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.readings import Reading, StateAt
 from gtsam_nav.mission import Mission
-from gtsam_nav.preprocess.edge_motion import moves_by_edges
+from gtsam_nav.preprocess.edge_motion import edges_in_space
 from gtsam_nav.sensors.noise import HeadingNoise
 from gtsam_nav.sensors.orientation import headings_true, tilt_at
 from gtsam_nav.series import IntArray
@@ -26,13 +26,14 @@ UNMEASURED_TURN_RAD2_S = np.radians(3.0) ** 2
 
 
 def add(problem: Problem, mission: Mission, config: Config) -> None:
-    """Headings where there is a compass; roll and pitch unless preintegrated forces tell them."""
-    measures_tilt = mission.first("attitude") is not None or not problem.uses_imu
+    """Headings where there is a compass; roll and pitch unless forces or edges tell them."""
+    told = problem.uses_imu or edges_in_space(mission)
+    measures_tilt = mission.first("attitude") is not None or not told
     if problem.has_compass:
         _add_compass(problem, mission)
         add_one = _add_orientations if measures_tilt else _add_headings
         add_one(problem, mission, config)
-    elif measures_tilt and not problem.planar and not moves_by_edges(mission):
+    elif measures_tilt and not problem.planar:
         for k in range(len(problem.t)):
             _add_tilt(problem, mission, k, config)
 
@@ -70,8 +71,8 @@ def _frame_before(k: int) -> Callable[[StateAt], Any]:
 def _add_orientations(problem: Problem, mission: Mission, config: Config) -> None:
     """Heading, roll and pitch of an AHRS as one orientation."""
     yaw, sigma_yaw, row = _averaged_headings(problem, mission)
-    R_measured = rotation_from_rpy(np.column_stack([problem.rpy[:, :2], yaw]))
-    _, sigma_tilt = tilt_at(mission, problem.t)
+    tilt, sigma_tilt = tilt_at(mission, problem.t)
+    R_measured = rotation_from_rpy(np.column_stack([tilt, yaw]))
     for k in range(len(problem.t)):
         if np.isfinite(sigma_yaw[k]):
             sigmas = np.array([sigma_tilt[k], sigma_tilt[k], sigma_yaw[k]])
