@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import gtsam
 import numpy as np
 from scipy.linalg import block_diag
 
 from gtsam_nav.config import Config
 from gtsam_nav.frames import Array
 from gtsam_nav.graph import factors
-from gtsam_nav.graph.backend import Backend, planar_pose
+from gtsam_nav.graph.backend import Backend, graph_of, planar_pose
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.false_loops import LoopFault
 from gtsam_nav.graph.problem import Problem, SensorFactor
@@ -108,7 +109,7 @@ def run_online(
     scans, closes_loops = (sonar.scans, not sonar.at_once) if sonar else ([], False)
     poses: list[PlanarPose] = []
     is_stated = problem.is_pose_graph and sonar is None
-    most = MOST_STATED_UPDATES if is_stated else MOST_UPDATES
+    most = _most_updates(problem, sonar)
     step = max(config.graph.keyframes_per_update, -(-len(problem.t) // most))
     for begin in range(0, len(problem.t), step):
         end = min(begin + step, len(problem.t))
@@ -129,7 +130,29 @@ def run_online(
         progress("iSAM2", end / len(problem.t))
     done.backend.update()
     values = done.backend.values()
+    if problem.exact:
+        values = _nearer_start(problem, values)
     return OnlinePass(values, done.keyframes, done.states, done.covariances, done.matches)
+
+
+def _most_updates(problem: Problem, sonar: SonarData | None) -> int:
+    """As few as the graph allows; one where a pose comes before all that it is joined to."""
+    if not problem.is_pose_graph or sonar is not None:
+        return MOST_UPDATES
+    ties = (entry.gaussian.keys() for entry, _ in problem.exact)
+    tied = {max(keys) for keys in ties}
+    grows = not problem.exact or len(tied) == len(problem.t) - 1
+    return MOST_STATED_UPDATES if grows else 1
+
+
+def _nearer_start(problem: Problem, values: Any) -> Any:
+    """The causal estimate, or the poses along the tree of edges where these cost less: where loops
+    come late, the causal pass may have been led astray."""
+    along_tree = gtsam.Values(values)
+    for k in range(len(problem.t)):
+        along_tree.update(X(k), problem.initial_state(k))
+    graph = graph_of(problem.entries)
+    return min((values, along_tree), key=graph.error)
 
 
 def _match_scan(

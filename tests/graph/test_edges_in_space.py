@@ -145,3 +145,22 @@ def test_the_sphere_of_2500_poses() -> None:
     assert 2.0 * graph.error(poses_of(solved(path, *LEAST_SQUARES))) == pytest.approx(
         2266.04, rel=5e-4
     )
+
+
+@pytest.mark.parametrize("times", [1, 7], ids=["shifted", "shuffled"])
+def test_the_order_of_the_poses_does_not_matter(
+    grid: Path, solution: Solution, tmp_path: Path, times: int
+) -> None:
+    """The first poses are joined by later ones only."""
+    lines = []
+    for line in grid.read_text().splitlines():
+        if line.startswith("EDGE"):
+            word, *ends, rest = line.split(maxsplit=3)
+            a, b = ((times * int(k) + 1) % 27 for k in ends)
+            lines.append(f"{word} {a} {b} {rest}")
+    (tmp_path / "shuffled.g2o").write_text("\n".join(lines) + "\n")
+    graph, _ = gtsam.readG2o(str(tmp_path / "shuffled.g2o"), True)
+    shuffled = solved(tmp_path / "shuffled.g2o", *LEAST_SQUARES)
+    own, _ = gtsam.readG2o(str(grid), True)
+    wanted = float(own.error(poses_of(solution)))
+    assert float(graph.error(poses_of(shuffled))) == pytest.approx(wanted, rel=1e-4)
