@@ -271,8 +271,8 @@ def _way_variance(filtered: Filtered, record: IntArray) -> Array:
 
 def _frame_cov(distorted: list[Distortion], filtered: Filtered, record: IntArray) -> Array:
     to_n = planar_rotations(filtered.x[record, YAW])
-    moved_n = to_n @ np.array([d.whole[:2] for d in distorted])
-    return np.asarray(moved_n @ np.swapaxes(moved_n, 1, 2))
+    cov = np.array([d.whole[:2] @ d.whole[:2].T for d in distorted])
+    return np.asarray(to_n @ cov @ np.swapaxes(to_n, 1, 2))
 
 
 def _displacement_cov(filtered: Filtered, record: IntArray, drift: CompassDrift | None) -> Array:

@@ -78,7 +78,8 @@ def test_where_any_has_bottom_lock_no_current_carries() -> None:
     always = mission(np.ones(len(T), bool))
     assert np.count_nonzero(added(since_s, of=always)) == 0
     later = mission(T <= 25.0)
-    assert np.sqrt(added(since_s, of=later)[-1, 0, 0]) == pytest.approx(CURRENT_M_S * (LAST_S - 26.0))
+    carried_m = np.sqrt(added(since_s, of=later)[-1, 0, 0])
+    assert carried_m == pytest.approx(CURRENT_M_S * (LAST_S - 26.0))
 
 
 def test_a_current_is_as_strong_as_the_most_that_is_stated() -> None:
