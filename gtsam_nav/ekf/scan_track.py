@@ -22,6 +22,7 @@ from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.preprocess.alignment import Alignment, align
 from gtsam_nav.registration.settings import PicSettings
 from gtsam_nav.sensors.noise import SonarNoise
+from gtsam_nav.sensors.orientation import headings_true
 from gtsam_nav.series import IntArray
 from gtsam_nav.sonar.motion import PlanarMotion
 from gtsam_nav.sonar.preparation import (
@@ -119,7 +120,7 @@ class ScanTrack:
         """Dead-reckoned north, east and yaw of scan k, shape (3,)."""
         return np.asarray(self.filtered.x[self.record[k], PLANAR])
 
-    def cov_since_last(self, k: int) -> Array:
+    def _cov_since_last(self, k: int) -> Array:
         """Covariance of the displacement from the scan before scan k, shape (3, 3)."""
         cov = self.displacement_cov[self.record[k]].copy()
         cov[:2, :2] += self._frames_cov(k)
@@ -127,7 +128,7 @@ class ScanTrack:
 
     def _frames_cov(self, k: int) -> Array:
         """Of north and east between the positions of scan k and the one before, (2, 2)."""
-        return np.asarray(self.frame_cov[max(k - 1, 0) : k + 1].sum(axis=0))
+        return np.asarray(self.frame_cov[k - 1 : k + 1].sum(axis=0))
 
     def predict(self, k: int, last: Array) -> tuple[Array, Array, Array]:
         """Pose of scan k by dead reckoning from the pose of the scan before.
@@ -148,7 +149,7 @@ class ScanTrack:
             q, _, J_here = tail_to_tail(before, here)
             pose, J_last, J_q = compound(last, q)
             J = J_q @ J_here
-            return pose, J_last, J @ self.cov_since_last(k) @ J.T
+            return pose, J_last, J @ self._cov_since_last(k) @ J.T
         elapsed_s = self.t[k] - self.t[k - 1]
         kept = self.drift.kept(elapsed_s)
         on_the_way, here_off = kept * wrap_angle(last[2] - before[2])
@@ -164,7 +165,7 @@ class ScanTrack:
     def displacement(self, k: int) -> tuple[Array, Array]:
         """Dead-reckoned pose of scan k in the scan before (3,), and its covariance (3, 3)."""
         q, J_before, J_here = tail_to_tail(self.pose(k - 1), self.pose(k))
-        cov = J_here @ self.cov_since_last(k) @ J_here.T
+        cov = J_here @ self._cov_since_last(k) @ J_here.T
         if self.drift is not None:
             white = self.filtered.P[self.record[k - 1], YAW, YAW]
             cov += white * np.outer(J_before[:, 2], J_before[:, 2])
@@ -200,6 +201,8 @@ def follow_scans(mission: Mission, config: Config) -> ScanTrack:
     beam_s = _sonar_of(mission).series.t
     span_s = float(np.median(beam_s[turns.last - 1] - beam_s[turns.first]))
     displacement_cov = _displacement_cov(reckoned.filtered, record, drift)
+    first_s = beam_s[turns.first[0] : turns.last[0]]
+    white = _mean_white_variance(mission, reckoned.filtered.P[record[0]], first_s)
     return ScanTrack(
         mission=mission,
         start=start,
@@ -209,7 +212,7 @@ def follow_scans(mission: Mission, config: Config) -> ScanTrack:
         complete_s=beam_s[turns.last - 1],
         span_s=span_s,
         displacement_cov=displacement_cov,
-        first_cov=_first_cov(displacement_cov[record[0]], drift, span_s),
+        first_cov=_first_cov(displacement_cov[record[0]], drift, span_s, white),
         drift=drift,
         frame_yaw_variance=_frame_yaw_variance(reckoned.filtered, record, drift, span_s),
         distortions=distorted,
@@ -290,11 +293,28 @@ def _displacement_cov(filtered: Filtered, record: IntArray, drift: CompassDrift 
     return np.asarray(cov + turning @ drifted @ np.swapaxes(turning, 1, 2))
 
 
-def _first_cov(at_reference: Array, drift: CompassDrift | None, span_s: float) -> Array:
+def _first_cov(
+    at_reference: Array, drift: CompassDrift | None, span_s: float, white_variance: float
+) -> Array:
     if drift is None:
         return at_reference
-    lessened = np.sqrt(drift.mean_variance(span_s) / at_reference[2, 2])
+    lessened = np.sqrt((drift.mean_variance(span_s) + white_variance) / at_reference[2, 2])
     return at_reference * np.outer([1.0, 1.0, lessened], [1.0, 1.0, lessened])
+
+
+def _mean_white_variance(mission: Mission, P: Array, beam_s: Array) -> float:
+    """Variance of the mean of a compass's white noise over the beams of a scan, rad^2.
+
+    At the most what the filter's covariance P at the scan's reference time says of one instant.
+    """
+    headings = headings_true(mission)
+    if headings is None:
+        return 0.0
+    inside = headings.sigma[(headings.t >= beam_s[0]) & (headings.t <= beam_s[-1])]
+    at_reference = float(P[YAW, YAW])
+    if len(inside) < 2:
+        return at_reference
+    return min(at_reference, float(np.mean(inside**2)) / len(inside))
 
 
 def _turning(way: Array) -> Array:
