@@ -10,7 +10,7 @@ import numpy as np
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import FLU_FROM_FRD, Array, rotation_from_rpy, rpy_from_rotation
 from gtsam_nav.mission import Mission, Rejection
-from gtsam_nav.pose_edges import PoseEdges
+from gtsam_nav.pose_edges import EDGES, PoseEdges
 from gtsam_nav.preprocess.cleaning import tidy
 from gtsam_nav.readers._clock import on_mission_time
 from gtsam_nav.readers._graph_lines import GraphLines
@@ -20,7 +20,6 @@ from gtsam_nav.readers._text import TRUNCATED
 from gtsam_nav.sensors.noise import OdometryNoise
 from gtsam_nav.series import IntArray, OdometrySeries
 
-NAME = "edges"
 TO_STARBOARD = np.array([1.0, -1.0, -1.0])
 """From x, y and theta, counter-clockwise, to forward, starboard and yaw."""
 FLAT = 1e-3
@@ -141,7 +140,7 @@ def spatial_edges(
     joins = ends[:, 0] != ends[:, 1]
     kept = finite & joins
     rejections = [
-        Rejection(np.nan, NAME, n, NOT_FINITE if joins[n] else ONTO_ITSELF)
+        Rejection(np.nan, EDGES, n, NOT_FINITE if joins[n] else ONTO_ITSELF)
         for n in np.flatnonzero(~kept).tolist()
     ]
     if not np.any(kept):
@@ -176,7 +175,7 @@ def mission_in_space(
     if edges is None:
         raise DataError("no edge joins two poses: " + rejections[0].reason, lines.path)
     if lines.cut:
-        rejections.append(Rejection(np.nan, NAME, len(ids), TRUNCATED))
+        rejections.append(Rejection(np.nan, EDGES, len(ids), TRUNCATED))
     mission = Mission(
         name=name,
         sensors={},
@@ -185,7 +184,7 @@ def mission_in_space(
         warnings=tuple(lines.warnings()),
         sources=(lines.path,),
     )
-    return on_mission_time(mission, {NAME: 0.0})
+    return on_mission_time(mission, {EDGES: 0.0})
 
 
 def refuse_mixture(lines: GraphLines, spatial: Sequence[str], planar: Sequence[str]) -> None:

@@ -68,7 +68,7 @@ def test_edges_are_turned_upside_down_and_nothing_else_is_a_sensor(tmp_path: Pat
     np.testing.assert_allclose(pitch, [[0, 0, -1], [0, 1, 0], [1, 0, 0]], atol=1e-12)
     np.testing.assert_allclose(edges.information[0], np.diag([100, 400, 2500, 4, 16, 64]))
     told = audit(read)
-    assert (told.edges, told.loops, told.methods) == (3, 1, ("graph",))
+    assert (told.edges, told.edges_left_out, told.loops, told.methods) == (3, 2, 1, ("graph",))
 
 
 def test_information_between_axes_keeps_its_sign(tmp_path: Path) -> None:
