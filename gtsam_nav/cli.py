@@ -113,7 +113,8 @@ def inspect(
     if found.findings:
         show(finding_table(found.findings), "")
     if found.edges:
-        show(f"{found.edges} edges of a pose graph, {found.loops} of which close loops")
+        more = f"; {found.edges_left_out} more left out" if found.edges_left_out else ""
+        show(f"{found.edges} edges of a pose graph, {found.loops} of which close loops{more}")
     show(
         f"span {found.span_s[0]:.1f} to {found.span_s[1]:.1f} s{rest}",
         f"methods that can run: {', '.join(found.methods) or 'none'}",

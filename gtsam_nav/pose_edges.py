@@ -9,6 +9,8 @@ import numpy as np
 from gtsam_nav.frames import Array, rotation_from_rpy, rpy_from_rotation
 from gtsam_nav.series import BoolArray
 
+EDGES = "edges"
+"""What rejections of edges call their sensor."""
 PLANAR = (3, 4, 2)
 """Shift forward and to starboard, and turn about down, among turn and shift."""
 

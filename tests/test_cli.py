@@ -612,8 +612,12 @@ def test_a_pose_graph_in_space_is_inspected_and_run(tmp_path: Path, gtsam_nav: C
     path = tmp_path / "some.g2o"
     path.write_text("".join(lines))
     told = gtsam_nav("inspect", path).out
-    assert "3 edges of a pose graph, 0 of which close loops" in told
+    assert "3 edges of a pose graph, 0 of which close loops\n" in told
     assert "methods that can run: graph" in told
     assert gtsam_nav("run", path, "--out", tmp_path / "out").code == 0
     assert (tmp_path / "out" / "graph" / "trajectory.csv").is_file()
     assert gtsam_nav("run", path, "--start", 9, "--out", tmp_path / "none").code == 3
+    path.write_text("".join([*lines, f"EDGE_SE3:QUAT 0 3 nan 0 0 0 0 0 1 {upper}\n"]))
+    told = gtsam_nav("inspect", path).out
+    assert "3 edges of a pose graph, 0 of which close loops; 1 more left out" in told
+    assert json.loads(gtsam_nav("inspect", path, "--json").out)["edges_left_out"] == 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import heapq
 import itertools
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -61,11 +62,11 @@ class RawGraph:
 
     def optimum(self) -> Any:
         """By Levenberg-Marquardt, the first pose held."""
-        anchored = gtsam.NonlinearFactorGraph(self.graph)
+        anchored, first = gtsam.NonlinearFactorGraph(self.graph), self.poses[0]
         if self.in_space:
-            anchored.push_back(gtsam.NonlinearEqualityPose3(0, gtsam.Pose3()))
+            anchored.push_back(gtsam.NonlinearEqualityPose3(first, gtsam.Pose3()))
         else:
-            anchored.push_back(gtsam.NonlinearEqualityPose2(0, gtsam.Pose2()))
+            anchored.push_back(gtsam.NonlinearEqualityPose2(first, gtsam.Pose2()))
         return gtsam.LevenbergMarquardtOptimizer(anchored, self.start).optimize()
 
     def start_in_ned(self, k: int) -> tuple[Array, Array]:
@@ -111,14 +112,31 @@ def _with_noise_of(mission: gn.Mission, factors: Any) -> Any:
 
 
 def _start(graph: Any, poses: list[int], in_space: bool) -> Any:
-    """The poses from edge to edge between neighbours, and landmarks where first seen."""
+    """The poses along the tree of the edges between poses as near as there are (the chain, where
+    neighbours are joined), and landmarks where first seen."""
     values = gtsam.Values()
     values.insert(poses[0], gtsam.Pose3() if in_space else gtsam.Pose2())
     pose_at = values.atPose3 if in_space else values.atPose2
     factors = [graph.at(n) for n in range(graph.size())]
-    between = {tuple(factor.keys()): factor for factor in reversed(factors)}
-    for a, b in itertools.pairwise(poses):
-        values.insert(b, pose_at(a).compose(between[a, b].measured()))
+    joining: dict[int, list[tuple[int, int]]] = {pose: [] for pose in poses}
+    for n, factor in enumerate(factors):
+        a, b = factor.keys()
+        if b in joining:
+            joining[a].append((abs(b - a), n))
+            joining[b].append((abs(b - a), n))
+    near = sorted(joining[poses[0]])
+    while near:
+        factor = factors[heapq.heappop(near)[1]]
+        (a, b), step = factor.keys(), factor.measured()
+        if values.exists(b):
+            a, b, step = b, a, step.inverse()
+        if values.exists(b):
+            continue
+        values.insert(b, pose_at(a).compose(step))
+        for edge in joining[b]:
+            heapq.heappush(near, edge)
+    if apart := [pose for pose in poses if not values.exists(pose)]:
+        raise ValueError(f"no edges lead from pose {poses[0]} to pose {apart[0]}")
     for factor in factors:
         a, b = factor.keys()
         if gtsam.Symbol(b).chr() == LANDMARK and not values.exists(b):

@@ -24,6 +24,7 @@ from gtsam_nav.audit.timing import (
 )
 from gtsam_nav.methods import runnable_methods
 from gtsam_nav.mission import Mission, Sensor
+from gtsam_nav.pose_edges import EDGES
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,9 @@ class Audit:
         How long the vehicle lies still at first; None where no sensor tells.
     edges, loops : int
         Relative poses of a pose graph, and how many of them close loops.
+    edges_left_out : int
+        How many more of a graph in space were rejected. Those of a planar graph are drops of its
+        odometry, and of a mission folder's own a warning tells.
     methods : tuple of str
         Estimation methods that the mission's sensors suffice for.
     findings : tuple of Finding
@@ -66,6 +70,7 @@ class Audit:
     rest_s: float | None
     edges: int
     loops: int
+    edges_left_out: int
     methods: tuple[str, ...]
     findings: tuple[Finding, ...]
     warnings: tuple[str, ...]
@@ -134,6 +139,7 @@ def audit(mission: Mission) -> Audit:
         rest_s=initial_rest_s(together),
         edges=0 if mission.edges is None else len(mission.edges),
         loops=0 if mission.edges is None else mission.edges.n_loops,
+        edges_left_out=sum(r.sensor == EDGES for r in mission.rejections),
         methods=runnable_methods(mission),
         findings=tuple(findings()),
         warnings=mission.warnings,

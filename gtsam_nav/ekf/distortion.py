@@ -32,7 +32,7 @@ class Distortion:
     Attributes
     ----------
     moved : ndarray, shape (k, 2, m)
-        Of each echo in the scan's axes, m.
+        Of each echo in the scan's axes, m; m = 0 where all were taken at once.
     whole : ndarray, shape (3, m)
         Of the scan as a whole, as a match with itself would find it: x, y, yaw.
     """
@@ -96,12 +96,14 @@ def _displacements(
 ) -> Array:
     """Displacements (k, 2, m) of echoes at times (k,) by the error that each piece of time adds.
 
-    It moves what lies beyond it, and turns it about where the vehicle then was.
+    It moves what lies beyond it, and turns it about where the vehicle then was. A scan that is
+    taken at once has no such piece.
     """
-    if len(t) == 0:
-        return np.zeros((0, 2, 6 * PIECES))
     since = t - scan.t_ref
-    edges = [np.linspace(0.0, end, PIECES + 1) for end in (since[0], since[-1])]
+    if not np.any(since):
+        return np.zeros((len(t), 2, 0))
+    ends = min(since[0], 0.0), max(since[-1], 0.0)
+    edges = [np.linspace(0.0, end, PIECES + 1) for end in ends]
     begin = np.concatenate([e[:-1] for e in edges])
     length = np.concatenate([np.diff(e) for e in edges])
     passed = np.clip((since[:, None] - begin) / np.where(length == 0.0, np.inf, length), 0.0, 1.0)

@@ -20,8 +20,10 @@ from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.preprocess.alignment import Alignment, align
+from gtsam_nav.preprocess.compass_turns import disturbance_walk_rad2_s
 from gtsam_nav.registration.settings import PicSettings
 from gtsam_nav.sensors.noise import SonarNoise
+from gtsam_nav.sensors.orientation import headings_true
 from gtsam_nav.series import IntArray
 from gtsam_nav.sonar.motion import PlanarMotion
 from gtsam_nav.sonar.preparation import (
@@ -119,7 +121,7 @@ class ScanTrack:
         """Dead-reckoned north, east and yaw of scan k, shape (3,)."""
         return np.asarray(self.filtered.x[self.record[k], PLANAR])
 
-    def cov_since_last(self, k: int) -> Array:
+    def _cov_since_last(self, k: int) -> Array:
         """Covariance of the displacement from the scan before scan k, shape (3, 3)."""
         cov = self.displacement_cov[self.record[k]].copy()
         cov[:2, :2] += self._frames_cov(k)
@@ -127,7 +129,7 @@ class ScanTrack:
 
     def _frames_cov(self, k: int) -> Array:
         """Of north and east between the positions of scan k and the one before, (2, 2)."""
-        return np.asarray(self.frame_cov[max(k - 1, 0) : k + 1].sum(axis=0))
+        return np.asarray(self.frame_cov[k - 1 : k + 1].sum(axis=0))
 
     def predict(self, k: int, last: Array) -> tuple[Array, Array, Array]:
         """Pose of scan k by dead reckoning from the pose of the scan before.
@@ -148,7 +150,7 @@ class ScanTrack:
             q, _, J_here = tail_to_tail(before, here)
             pose, J_last, J_q = compound(last, q)
             J = J_q @ J_here
-            return pose, J_last, J @ self.cov_since_last(k) @ J.T
+            return pose, J_last, J @ self._cov_since_last(k) @ J.T
         elapsed_s = self.t[k] - self.t[k - 1]
         kept = self.drift.kept(elapsed_s)
         on_the_way, here_off = kept * wrap_angle(last[2] - before[2])
@@ -164,7 +166,7 @@ class ScanTrack:
     def displacement(self, k: int) -> tuple[Array, Array]:
         """Dead-reckoned pose of scan k in the scan before (3,), and its covariance (3, 3)."""
         q, J_before, J_here = tail_to_tail(self.pose(k - 1), self.pose(k))
-        cov = J_here @ self.cov_since_last(k) @ J_here.T
+        cov = J_here @ self._cov_since_last(k) @ J_here.T
         if self.drift is not None:
             white = self.filtered.P[self.record[k - 1], YAW, YAW]
             cov += white * np.outer(J_before[:, 2], J_before[:, 2])
@@ -194,12 +196,14 @@ def follow_scans(mission: Mission, config: Config) -> ScanTrack:
     sonar = deskewed(echoes, turns, motion)
     noise = SonarNoise.model_validate(_sonar_of(mission).noise)
     pic = _with_floors(config.pic, noise)
-    yaw_growth = motion.yaw_variance_rad2_s if drift is None else drift.growth
+    yaw_growth = motion.yaw_variance_rad2_s if drift is None else disturbance_walk_rad2_s(mission)
     way_variance = _way_variance(reckoned.filtered, record)
     distorted = distortions(sonar, motion, way_variance, yaw_growth, pic)
     beam_s = _sonar_of(mission).series.t
     span_s = float(np.median(beam_s[turns.last - 1] - beam_s[turns.first]))
     displacement_cov = _displacement_cov(reckoned.filtered, record, drift)
+    first_s = beam_s[turns.first[0] : turns.last[0]]
+    white = _mean_white_variance(mission, reckoned.filtered.P[record[0]], first_s)
     return ScanTrack(
         mission=mission,
         start=start,
@@ -209,7 +213,7 @@ def follow_scans(mission: Mission, config: Config) -> ScanTrack:
         complete_s=beam_s[turns.last - 1],
         span_s=span_s,
         displacement_cov=displacement_cov,
-        first_cov=_first_cov(displacement_cov[record[0]], drift, span_s),
+        first_cov=_first_cov(displacement_cov[record[0]], drift, span_s, white),
         drift=drift,
         frame_yaw_variance=_frame_yaw_variance(reckoned.filtered, record, drift, span_s),
         distortions=distorted,
@@ -271,8 +275,8 @@ def _way_variance(filtered: Filtered, record: IntArray) -> Array:
 
 def _frame_cov(distorted: list[Distortion], filtered: Filtered, record: IntArray) -> Array:
     to_n = planar_rotations(filtered.x[record, YAW])
-    moved_n = to_n @ np.array([d.whole[:2] for d in distorted])
-    return np.asarray(moved_n @ np.swapaxes(moved_n, 1, 2))
+    cov = np.array([d.whole[:2] @ d.whole[:2].T for d in distorted])
+    return np.asarray(to_n @ cov @ np.swapaxes(to_n, 1, 2))
 
 
 def _displacement_cov(filtered: Filtered, record: IntArray, drift: CompassDrift | None) -> Array:
@@ -290,11 +294,28 @@ def _displacement_cov(filtered: Filtered, record: IntArray, drift: CompassDrift 
     return np.asarray(cov + turning @ drifted @ np.swapaxes(turning, 1, 2))
 
 
-def _first_cov(at_reference: Array, drift: CompassDrift | None, span_s: float) -> Array:
+def _first_cov(
+    at_reference: Array, drift: CompassDrift | None, span_s: float, white_variance: float
+) -> Array:
     if drift is None:
         return at_reference
-    lessened = np.sqrt(drift.mean_variance(span_s) / at_reference[2, 2])
+    lessened = np.sqrt((drift.mean_variance(span_s) + white_variance) / at_reference[2, 2])
     return at_reference * np.outer([1.0, 1.0, lessened], [1.0, 1.0, lessened])
+
+
+def _mean_white_variance(mission: Mission, P: Array, beam_s: Array) -> float:
+    """Variance of the mean of a compass's white noise over the beams of a scan, rad^2.
+
+    At the most what the filter's covariance P at the scan's reference time says of one instant.
+    """
+    headings = headings_true(mission)
+    if headings is None:
+        return 0.0
+    inside = headings.sigma[(headings.t >= beam_s[0]) & (headings.t <= beam_s[-1])]
+    at_reference = float(P[YAW, YAW])
+    if len(inside) < 2:
+        return at_reference
+    return min(at_reference, float(np.mean(inside**2)) / len(inside))
 
 
 def _turning(way: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,15 +10,16 @@ import numpy as np
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import FLU_FROM_FRD, Array, rotation_from_rpy, rpy_from_rotation
 from gtsam_nav.mission import Mission, Rejection
-from gtsam_nav.pose_edges import PoseEdges
+from gtsam_nav.pose_edges import EDGES, PoseEdges
 from gtsam_nav.preprocess.cleaning import tidy
 from gtsam_nav.readers._clock import on_mission_time
 from gtsam_nav.readers._graph_lines import GraphLines
 from gtsam_nav.readers._matrices import definite
+from gtsam_nav.readers._odometry import step_speeds
 from gtsam_nav.readers._text import TRUNCATED
+from gtsam_nav.sensors.noise import OdometryNoise
 from gtsam_nav.series import IntArray, OdometrySeries
 
-NAME = "edges"
 TO_STARBOARD = np.array([1.0, -1.0, -1.0])
 """From x, y and theta, counter-clockwise, to forward, starboard and yaw."""
 FLAT = 1e-3
@@ -27,7 +28,7 @@ ONTO_ITSELF, NOT_FINITE = "joins a pose to itself", "says nothing finite"
 
 
 def split_edges(
-    ends: IntArray, steps: Array, cov: Array, odometry: Mapping[str, Array]
+    ends: IntArray, steps: Array, cov: Array, noise: OdometryNoise | None = None
 ) -> tuple[PoseEdges | None, OdometrySeries | None, list[Rejection]]:
     """A planar graph's edges, and the odometry that those between neighbours are.
 
@@ -39,8 +40,8 @@ def split_edges(
         x, y (m) and theta (rad, counter-clockwise) of the second in the axes of the first.
     cov : ndarray, shape (n, 3, 3)
         Along the axes of the second, as these files have it.
-    odometry : mapping of str to ndarray
-        Columns of an `OdometrySeries` of all edges, true of those between neighbours.
+    noise : OdometryNoise, optional
+        That of the odometry, where it is known better than by ``cov``.
 
     Returns
     -------
@@ -48,12 +49,13 @@ def split_edges(
         None of a graph without loops: odometry says it all.
     series : OdometrySeries or None
     rejections : list of Rejection
-        By the number of the edge.
+        By the number of the edge: in neither, all others are where they belong.
     """
     apart = np.abs(ends[:, 1] - ends[:, 0])
     sound = np.all(np.isfinite(steps), axis=1) & definite(cov)
     own = np.flatnonzero((apart <= 1) | ~sound)
-    refused = {ONTO_ITSELF: apart == 0, NOT_FINITE: (apart > 1) & ~sound}
+    refused = {ONTO_ITSELF: apart == 0, NOT_FINITE: ~sound}
+    odometry = _odometry(ends, np.where(sound[:, None], steps, np.nan), cov, noise)
     series, rejections = tidy(
         OdometrySeries,
         "odometry",
@@ -69,6 +71,32 @@ def split_edges(
     return edges, series, rejections
 
 
+def _odometry(
+    ends: IntArray, steps: Array, cov: Array, noise: OdometryNoise | None
+) -> dict[str, Array]:
+    """Columns of an `OdometrySeries` of all edges, as if all joined neighbours."""
+    a, b = ends.T
+    x, y, theta = steps.T
+    c, s = np.cos(theta), np.sin(theta)
+    backward = np.column_stack([-c * x - s * y, s * x - c * y, -theta])
+    forward = np.where((b < a)[:, None], backward, steps)
+    v_b, yaw_rate = step_speeds(forward, np.ones(len(steps)))
+    if noise is None:
+        sigma_v = np.sqrt(np.maximum(cov[:, 0, 0], cov[:, 1, 1]))
+        sigma_yaw_rate = np.sqrt(cov[:, 2, 2])
+    else:
+        sigma_v = np.full(len(steps), noise.sigma_v_m_s)
+        sigma_yaw_rate = np.full(len(steps), noise.sigma_yaw_rate_rad_s)
+    return {
+        # the mean over the second between two poses
+        "t": np.minimum(a, b) + 0.5,
+        "v_b": v_b,
+        "yaw_rate": yaw_rate,
+        "sigma_v": sigma_v,
+        "sigma_yaw_rate": sigma_yaw_rate,
+    }
+
+
 def _planar(ends: IntArray, steps: Array, cov: Array) -> PoseEdges:
     turn = rotation_from_rpy(np.column_stack([np.zeros((len(steps), 2)), steps[:, 2]]))
     to_first = TO_STARBOARD[:, None] * turn
@@ -81,7 +109,8 @@ def _planar(ends: IntArray, steps: Array, cov: Array) -> PoseEdges:
 
 def are_flat(R_ab: Array, p_a: Array) -> bool:
     """Whether relative poses, what is finite of them, neither climb nor tilt."""
-    rise = np.abs(p_a[:, 2]) / np.maximum(np.hypot(p_a[:, 0], p_a[:, 1]), 1.0)
+    x, y, z = p_a[np.all(np.isfinite(p_a), axis=1)].T
+    rise = np.abs(z) / np.maximum(np.hypot(x, y), 1.0)
     tilt = np.abs(rpy_from_rotation(R_ab)[:, :2])
     return not (np.any(rise > FLAT) or np.any(tilt > FLAT))
 
@@ -109,18 +138,21 @@ def spatial_edges(
     """
     finite = np.all(np.isfinite(R_ab), axis=(1, 2)) & np.all(np.isfinite(p_a), axis=1)
     joins = ends[:, 0] != ends[:, 1]
+    kept = finite & joins
+    rejections = [
+        Rejection(np.nan, EDGES, n, NOT_FINITE if joins[n] else ONTO_ITSELF)
+        for n in np.flatnonzero(~kept).tolist()
+    ]
+    if not np.any(kept):
+        return None, rejections
     flip = np.kron(np.eye(2), FLU_FROM_FRD)
     edges = PoseEdges(
-        t=ends.astype(float),
-        R_ab=FLU_FROM_FRD @ R_ab @ FLU_FROM_FRD,
-        p_a=p_a @ FLU_FROM_FRD,
-        information=flip @ information @ flip,
+        t=ends[kept].astype(float),
+        R_ab=FLU_FROM_FRD @ R_ab[kept] @ FLU_FROM_FRD,
+        p_a=p_a[kept] @ FLU_FROM_FRD,
+        information=flip @ information[kept] @ flip,
     )
-    rejections = [
-        Rejection(np.nan, NAME, n, NOT_FINITE if joins[n] else ONTO_ITSELF)
-        for n in np.flatnonzero(~(finite & joins)).tolist()
-    ]
-    return edges.select(finite & joins), rejections
+    return edges, rejections
 
 
 def mission_in_space(
@@ -143,7 +175,7 @@ def mission_in_space(
     if edges is None:
         raise DataError("no edge joins two poses: " + rejections[0].reason, lines.path)
     if lines.cut:
-        rejections.append(Rejection(np.nan, NAME, len(ids), TRUNCATED))
+        rejections.append(Rejection(np.nan, EDGES, len(ids), TRUNCATED))
     mission = Mission(
         name=name,
         sensors={},
@@ -152,7 +184,7 @@ def mission_in_space(
         warnings=tuple(lines.warnings()),
         sources=(lines.path,),
     )
-    return on_mission_time(mission, {NAME: 0.0})
+    return on_mission_time(mission, {EDGES: 0.0})
 
 
 def refuse_mixture(lines: GraphLines, spatial: Sequence[str], planar: Sequence[str]) -> None:

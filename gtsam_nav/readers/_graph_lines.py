@@ -12,8 +12,9 @@ import numpy as np
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array
+from gtsam_nav.mission import Rejection
 from gtsam_nav.readers._matrices import definite, symmetric
-from gtsam_nav.readers._text import stream_lines
+from gtsam_nav.readers._text import TRUNCATED, stream_lines
 from gtsam_nav.series import IntArray
 from gtsam_nav.solution import Progress
 
@@ -52,6 +53,10 @@ class GraphLines:
         line = np.concatenate([self.line[word] for word in words])
         order = np.argsort(line)
         return np.concatenate([self.numbers[word] for word in words])[order], line[order]
+
+    def truncation(self, words: Sequence[str], sensor: str, n_samples: int) -> list[Rejection]:
+        """The rejection of a last line that was cut off, if it was this sensor's."""
+        return [Rejection(np.nan, sensor, n_samples, TRUNCATED)] if self.cut in words else []
 
     def warnings(self) -> list[str]:
         """What the user must hear of."""

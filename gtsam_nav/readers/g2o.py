@@ -31,8 +31,7 @@ from gtsam_nav.preprocess.cleaning import tidy
 from gtsam_nav.readers._clock import on_mission_time
 from gtsam_nav.readers._edges import are_flat, mission_in_space, refuse_mixture, split_edges
 from gtsam_nav.readers._graph_lines import GraphLines, informations, read_graph_lines
-from gtsam_nav.readers._odometry import step_speeds
-from gtsam_nav.readers._text import TRUNCATED, first_lines
+from gtsam_nav.readers._text import first_lines
 from gtsam_nav.series import IntArray, LandmarkSeries, Series
 from gtsam_nav.solution import Progress, no_progress
 
@@ -119,13 +118,12 @@ class _Edges:
 def _planar_mission(lines: GraphLines, graph: _Edges) -> Mission:
     poses = np.unique(graph.ids).astype(np.int64)
     ends = np.searchsorted(poses, graph.ids)
-    edges, odometry, refused = split_edges(ends, graph.steps, graph.cov, _odometry(graph, ends))
-    cleaned: dict[str, Cleaned] = {"odometry": (odometry, refused)}
-    if len(lines.line[SIGHTING]):
-        cleaned["landmarks"] = _sightings(lines, poses)
-    rejections = [rejection for _, dropped in cleaned.values() for rejection in dropped]
-    if lines.cut:
-        rejections.append(Rejection(np.nan, "odometry", len(ends), TRUNCATED))
+    edges, odometry, refused = split_edges(ends, graph.steps, graph.cov)
+    refused += lines.truncation((PLANAR, SPATIAL), "odometry", len(ends))
+    cleaned: dict[str, Cleaned] = {
+        "odometry": (odometry, refused),
+        "landmarks": _sightings(lines, poses),
+    }
     mission = Mission(
         name=_name(lines.path),
         sensors={
@@ -134,35 +132,19 @@ def _planar_mission(lines: GraphLines, graph: _Edges) -> Mission:
             if series is not None
         },
         edges=edges,
-        rejections=tuple(rejections),
+        rejections=tuple(r for _, dropped in cleaned.values() for r in dropped),
         warnings=tuple(lines.warnings()),
         sources=(lines.path,),
     )
     return on_mission_time(mission, dict.fromkeys(cleaned, 0.0))
 
 
-def _odometry(graph: _Edges, ends: IntArray) -> dict[str, Array]:
-    """The edges as if all joined neighbours."""
-    a, b = ends.T
-    x, y, theta = graph.steps.T
-    c, s = np.cos(theta), np.sin(theta)
-    backward = np.column_stack([-c * x - s * y, s * x - c * y, -theta])
-    steps = np.where((b < a)[:, None], backward, graph.steps)
-    v_b, yaw_rate = step_speeds(steps, np.ones(len(steps)))
-    return {
-        "t": np.minimum(a, b) + 0.5,
-        "v_b": v_b,
-        "yaw_rate": yaw_rate,
-        "sigma_v": np.sqrt(np.maximum(graph.cov[:, 0, 0], graph.cov[:, 1, 1])),
-        "sigma_yaw_rate": np.sqrt(graph.cov[:, 2, 2]),
-    }
-
-
 def _sightings(lines: GraphLines, poses: IntArray) -> Cleaned:
     pose, landmark, x, y = lines.numbers[SIGHTING][:, :4].T
     information = informations(lines.numbers[SIGHTING][:, 4:], 2, lines.path, lines.line[SIGHTING])
     range_m = np.hypot(x, y)
-    ray = np.column_stack([x, y]) / np.maximum(range_m, 1e-12)[:, None]
+    with np.errstate(invalid="ignore"):  # what is infinitely far is refused for its range
+        ray = np.column_stack([x, y]) / np.maximum(range_m, 1e-12)[:, None]
     beside = np.column_stack([-ray[:, 1], ray[:, 0]])
     cov = np.linalg.inv(information)
     along, across = (np.sqrt(np.einsum("ni,nij,nj->n", u, cov, u)) for u in (ray, beside))
@@ -176,4 +158,5 @@ def _sightings(lines: GraphLines, poses: IntArray) -> Cleaned:
         "sigma_bearing": across / np.maximum(range_m, 1e-12),
     }
     refused = {"no such pose": poses[place] != pose, "no range": range_m == 0}
-    return tidy(LandmarkSeries, "landmarks", columns, refused=refused)
+    series, rejections = tidy(LandmarkSeries, "landmarks", columns, refused=refused)
+    return series, rejections + lines.truncation([SIGHTING], "landmarks", len(pose))

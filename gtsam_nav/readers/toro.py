@@ -25,7 +25,7 @@ that of the card.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
 
@@ -39,7 +39,7 @@ from gtsam_nav.preprocess.cleaning import tidy
 from gtsam_nav.readers._clock import on_mission_time
 from gtsam_nav.readers._edges import mission_in_space, refuse_mixture, split_edges
 from gtsam_nav.readers._graph_lines import GraphLines, informations, read_graph_lines
-from gtsam_nav.readers._text import TRUNCATED
+from gtsam_nav.readers._matrices import definite
 from gtsam_nav.sensors.noise import LandmarkNoise, OdometryNoise
 from gtsam_nav.series import IntArray, LandmarkSeries, Series
 from gtsam_nav.solution import Progress, no_progress
@@ -86,17 +86,19 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
         refuse_mixture(lines, [SPATIAL], [*EDGES, *SIGHTINGS])
         return _in_space(lines)
     card = load_card(path.stem) if path.stem in CARDS else None
-    edges_read, _ = lines.of(EDGES)
+    edges_read, line = lines.of(EDGES)
     poses = np.unique(edges_read[:, :2]).astype(np.int64)
     if not len(poses):
         raise DataError(f"no edge joins two poses: no line {' or '.join(EDGES)} or {SPATIAL}", path)
     ends = np.searchsorted(poses, edges_read[:, :2])
-    cov = _covariances(edges_read[:, 5:], path)
-    steps = edges_read[:, 2:5]
-    edges, odometry, refused = split_edges(ends, steps, cov, _odometry(steps, ends, cov, card))
+    cov = _covariances(edges_read[:, 5:], path, line)
+    noise = None
+    if card is not None:
+        noise = OdometryNoise.model_validate(card.sensors["odometry"].noise)
+    edges, odometry, refused = split_edges(ends, edges_read[:, 2:5], cov, noise)
     seen = _seen(lines)
     cleaned: dict[str, Cleaned] = {
-        "odometry": (odometry, refused + _truncation(lines, EDGES, "odometry", len(ends))),
+        "odometry": (odometry, refused + lines.truncation(EDGES, "odometry", len(ends))),
         "landmarks": _sightings(lines, seen, poses, card),
     }
     sensors = {
@@ -117,21 +119,16 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
 
 def _in_space(lines: GraphLines) -> Mission:
     numbers = lines.numbers[SPATIAL]
+    with np.errstate(invalid="ignore"):  # an infinite angle says nothing
+        R_ab = rotation_from_rpy(numbers[:, 5:8])
     return mission_in_space(
         lines.path.stem,
         lines,
         ids=numbers[:, :2],
-        R_ab=rotation_from_rpy(numbers[:, 5:8]),
+        R_ab=R_ab,
         p_a=numbers[:, 2:5],
         information=informations(numbers[:, 8:], 6, lines.path, lines.line[SPATIAL]),
     )
-
-
-def _truncation(
-    lines: GraphLines, words: Sequence[str], sensor: str, n_samples: int
-) -> list[Rejection]:
-    """The rejection of a last line that was cut off, if it was this sensor's."""
-    return [Rejection(np.nan, sensor, n_samples, TRUNCATED)] if lines.cut in words else []
 
 
 def _warnings(n_seen: int, n_poses: int, sensors: dict[str, Sensor]) -> Iterator[str]:
@@ -162,63 +159,26 @@ def _polar(cartesian: Array) -> Array:
     return np.column_stack([pose, landmark, range_m, *told])
 
 
-def _odometry(steps: Array, ends: IntArray, cov: Array, card: Card | None) -> dict[str, Array]:
-    """The edges as if all joined neighbours."""
-    a, b = ends.T
-    step = _forward(steps, backward=b < a)
-    with np.errstate(invalid="ignore"):
-        sigma_v = np.sqrt(np.maximum(cov[:, 0, 0], cov[:, 1, 1]))
-        sigma_turn = np.sqrt(cov[:, 2, 2])
-    if card is not None:
-        noise = OdometryNoise.model_validate(card.sensors["odometry"].noise)
-        sigma_v = np.full(len(a), noise.sigma_v_m_s)
-        sigma_turn = np.full(len(a), noise.sigma_yaw_rate_rad_s)
-    return {
-        # the mean over the second between two poses
-        "t": np.minimum(a, b) + 0.5,
-        "v_b": _mean_velocity(step),
-        "yaw_rate": -step[:, 2],
-        "sigma_v": sigma_v,
-        "sigma_yaw_rate": sigma_turn,
-    }
-
-
-def _forward(step: Array, backward: Array) -> Array:
-    """The later pose (x, y, theta) in the axes of the earlier, also where stated backward."""
-    x, y, theta = step.T
-    c, s = np.cos(theta), np.sin(theta)
-    inverse = np.column_stack([-c * x - s * y, s * x - c * y, -theta])
-    return np.where(np.asarray(backward)[:, None], inverse, step)
-
-
-def _mean_velocity(step: Array) -> Array:
-    """Body velocity, forward and starboard, that makes the step in a second at a steady turn."""
-    x, y, theta = step.T
-    half = theta / 2
-    small = np.abs(half) < 1e-6
-    per_arc = np.where(small, 1.0, half / np.tan(np.where(small, 1.0, half)))
-    return np.column_stack([per_arc * x + half * y, half * x - per_arc * y])
-
-
-def _covariances(figures: Array, path: Path) -> Array:
-    """Covariances of x, y and theta, shape (n, 3, 3)."""
+def _covariances(figures: Array, path: Path, line: IntArray) -> Array:
+    """Covariances of x, y and theta, shape (n, 3, 3); all are positive definite."""
     xx, xy, third, fourth, fifth, sixth = figures.T
     toro = (third != 0) & (fourth != 0) & (fifth == 0) & (sixth == 0)
     usual = (third == 0) & (fourth != 0) & (fifth == 0) & (sixth != 0)
     if not np.all(toro | usual):
         which = int(np.flatnonzero(~(toro | usual))[0])
         raise DataError(
-            f"the noise of edge {which + 1}, {figures[which].tolist()}, is neither a covariance in"
+            f"its noise, {figures[which].tolist()}, is neither a covariance in"
             " the order xx 0 0 yy 0 tt nor an information in TORO's, xx 0 yy tt 0 0",
             path,
+            int(line[which]),
         )
     cov = np.zeros((len(figures), 3, 3))
     cov[:, 0, 0], cov[:, 0, 1], cov[:, 1, 0] = xx, xy, xy
     cov[:, 1, 1] = np.where(toro, third, fourth)
     cov[:, 2, 2] = np.where(toro, fourth, sixth)
-    if np.any(singular := toro & (np.linalg.det(cov) == 0.0)):
-        which = int(np.flatnonzero(singular)[0])
-        raise DataError(f"the information of edge {which + 1} is singular", path)
+    good = definite(cov)
+    if not np.all(good):
+        raise DataError("its noise is not positive definite", path, int(line[np.argmin(good)]))
     cov[toro] = np.linalg.inv(cov[toro])
     return cov
 
@@ -240,4 +200,4 @@ def _sightings(lines: GraphLines, seen: Array, poses: IntArray, card: Card | Non
     }
     refused = {"no such pose": poses[place] != pose}
     series, rejections = tidy(LandmarkSeries, "landmarks", columns, refused=refused)
-    return series, rejections + _truncation(lines, SIGHTINGS, "landmarks", len(pose))
+    return series, rejections + lines.truncation(SIGHTINGS, "landmarks", len(pose))

@@ -8,6 +8,8 @@ the covariance itself (Censi, *An accurate closed-form estimate of ICP's covaria
 
 from __future__ import annotations
 
+import numpy as np
+
 from gtsam_nav.frames import Array
 from gtsam_nav.registration.pic import observed_inverse
 from gtsam_nav.registration.settings import PicSettings
@@ -30,15 +32,17 @@ def response(
         Of n and k echoes.
     q : ndarray, shape (3,)
         The match: pose of the new scan in the reference: x, y, yaw.
-    moved_reference, moved_new : ndarray, shape (n, 2, m) and (k, 2, m)
-        Displacements of the echoes, each in its scan's axes, m, in m ways.
+    moved_reference, moved_new : ndarray, shape (n, 2, m) and (k, 2, l)
+        Displacements of the echoes, each in its scan's axes, m, in m and l ways, or none.
     settings : PicSettings
 
     Returns
     -------
-    tuple of ndarray, each of shape (3, m)
+    tuple of ndarray, shapes (3, m) and (3, l)
         By the reference and by the new scan; zero in directions that the match does not observe.
     """
+    if moved_reference.shape[2] == moved_new.shape[2] == 0:
+        return np.zeros((3, 0)), np.zeros((3, 0))
     from gtsam_nav.registration._pic_information import pulls
 
     H, by_reference, by_new = pulls(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,16 +68,22 @@ def body_velocities(dvl: Sensor, omega_b: Array, water_lock_after_s: float) -> B
     )
 
 
-def water_spells(dvl: Sensor, water_lock_after_s: float) -> Array:
-    """First and last sample of each spell that only water lock tells of, shape (k, 2), s."""
-    series = dvl.series
-    assert isinstance(series, DvlSeries)
-    bottom = series.valid & series.bottom_lock
-    water = series.valid & ~series.bottom_lock
-    used = water & (_seconds_without(series.t, bottom) > water_lock_after_s)
+def water_spells(dvls: Sequence[Sensor], water_lock_after_s: float) -> Array:
+    """First and last sample of each spell that only water lock tells of, shape (k, 2), s.
+
+    Bottom lock of any one of the DVLs, at least one, ends it for all.
+    """
+    all_series = [dvl.series for dvl in dvls if isinstance(dvl.series, DvlSeries)]
+    t = np.concatenate([series.t for series in all_series])
+    order = np.argsort(t, kind="stable")
+    t = t[order]
+    valid = np.concatenate([series.valid for series in all_series])[order]
+    on_bottom = np.concatenate([series.bottom_lock for series in all_series])[order]
+    bottom, water = valid & on_bottom, valid & ~on_bottom
+    used = water & (_seconds_without(t, bottom) > water_lock_after_s)
     # a spell lasts until bottom lock is back, whatever is missing within
     spell = np.cumsum(bottom)[used]
-    t = series.t[used]
+    t = t[used]
     first = np.flatnonzero(np.diff(spell, prepend=-1))
     last = np.append(first[1:], len(t)) - 1
     return np.column_stack([t[first], t[last]]) if len(t) else np.empty((0, 2))

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.speed.pose_graphs import PARK, SPHERE, compare, write_city, write_first
+from benchmarks.speed.raw_pose_graphs import RawGraph, read_raw
 from gtsam_nav.readers import open_mission
 
 
@@ -35,3 +36,31 @@ def test_either_s_optimum_is_that_of_the_same_edges(
         assert row["chi2_over_raw"] == pytest.approx(1.0, abs=1e-4)
         assert row["batch_chi2_over_raw"] == pytest.approx(1.0, abs=1e-4)
     assert row["reading_over_gtsam"] > 0
+
+
+@pytest.mark.parametrize(
+    ("word", "tail"),
+    [
+        ("EDGE_SE2", "0 0 1 0 0 1 0 1"),
+        ("EDGE_SE3:QUAT", "0 1 0 0 0 1 1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 1 0 0 1 0 1"),
+    ],
+)
+def test_a_graph_begins_at_any_number_and_leaves_neighbours_apart(
+    word: str, tail: str, tmp_path: Path
+) -> None:
+    """Pose 7 hangs on 6 backward, 8 on 5 alone; the second edge between 5 and 6 differs."""
+    steps = ((5, 6, 1.0), (7, 6, -1.0), (5, 8, 3.0), (5, 6, 1.6))
+    path = tmp_path / "far.g2o"
+    path.write_text("".join(f"{word} {a} {b} {x} {tail}\n" for a, b, x in steps))
+    raw = RawGraph.of(read_raw(path), open_mission(path))
+    assert raw.poses == [5, 6, 7, 8]
+    assert [raw.start_in_ned(k)[1][0] for k in range(4)] == [0, 1, 2, 3]
+    assert 2 * raw.graph.error(raw.optimum()) == pytest.approx(2 * 0.3**2)
+
+
+def test_poses_that_no_edges_lead_to_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "torn.g2o"
+    steps = ((0, 1), (2, 3))
+    path.write_text("".join(f"EDGE_SE2 {a} {b} 1 0 0 1 0 0 1 0 1\n" for a, b in steps))
+    with pytest.raises(ValueError, match="no edges lead from pose 0 to pose 2"):
+        RawGraph.of(read_raw(path), open_mission(path))

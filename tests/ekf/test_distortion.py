@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -96,6 +98,37 @@ def test_at_its_reference_time_a_scan_is_where_it_is(
     stated: tuple[SonarData, list[Distortion]],
 ) -> None:
     np.testing.assert_allclose(stated[1][0].moved[BEAMS // 2], 0.0, atol=1e-12)
+
+
+def test_echoes_after_the_reference_time_alone_are_displaced_as_among_others(
+    stated: tuple[SonarData, list[Distortion]],
+) -> None:
+    """Nothing happened to them between it and the first of them that did not happen once."""
+    echoes, turns, t = straight()
+    motion = way(t, np.zeros(len(t)), np.zeros((len(t), 2)))
+    half, late = BEAMS // 2, BEAMS // 2 + 20
+    for begin, end in ((late, BEAMS), (0, half - 20)):
+        part = Turns(np.array([begin]), np.array([end]), turns.t_ref[:1])
+        data = deskewed(echoes, part, motion)
+        (alone,) = distortions(data, motion, WAY_GROWTH * t, YAW_GROWTH, SETTINGS)
+        among = stated[1][0].moved[begin:end]
+        np.testing.assert_allclose(
+            alone.moved @ np.swapaxes(alone.moved, 1, 2),
+            among @ np.swapaxes(among, 1, 2),
+            rtol=1e-2,
+            atol=1e-5,
+        )
+
+
+def test_a_scan_taken_at_once_is_not_distorted() -> None:
+    echoes, turns, t = straight()
+    at_once = replace(echoes, t=np.repeat(turns.t_ref, BEAMS))
+    motion = way(t, np.zeros(len(t)), np.zeros((len(t), 2)))
+    data = deskewed(at_once, turns, motion)
+    distorted = distortions(data, motion, WAY_GROWTH * t, YAW_GROWTH, SETTINGS)
+    assert all(one.moved.size == one.whole.size == 0 for one in distorted)
+    match = register(*data.scans, np.array([9.8, 0.0, 0.0]), np.diag([0.1, 0.1, 0.01]), SETTINGS)
+    np.testing.assert_array_equal(bent(*data.scans, match, *distorted, SETTINGS), np.zeros((3, 3)))
 
 
 def test_what_moves_a_scan_as_a_whole_does_not_bend_its_matches(

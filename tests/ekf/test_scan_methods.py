@@ -12,6 +12,7 @@ import gtsam_nav as gn
 from gtsam_nav.config import Config, load_config
 from gtsam_nav.ekf.augmented_state import AugmentedState
 from gtsam_nav.ekf.considered import ConsideredErrors, with_considered
+from gtsam_nav.ekf.constant_velocity import YAW
 from gtsam_nav.ekf.dead_reckoning import dead_reckon, filtered_trajectory
 from gtsam_nav.ekf.pose_slam import PoseFilter, estimated_scale_sigma, loop_candidates
 from gtsam_nav.ekf.scan_match import completed, match_consecutive
@@ -143,7 +144,7 @@ def test_without_matches_the_pose_filter_is_dead_reckoning() -> None:
     """A compass that drifts turns the whole way: its error at a scan is no news at the next."""
     mission, config = circling(), load_config()
     track = follow_scans(mission, config)
-    state = AugmentedState(len(track), track.pose(0), track.cov_since_last(0))
+    state = AugmentedState(len(track), track.pose(0), track.displacement_cov[track.record[0]])
     for k in range(1, len(track)):
         state.augment(*track.predict(k, state.poses[-1]))
     reckoned = dead_reckon(mission, track.start, config, track.t)
@@ -160,6 +161,27 @@ def test_without_matches_the_pose_filter_is_dead_reckoning() -> None:
         np.testing.assert_allclose(
             state.marginals[5:, axis, axis], stated[5:, axis, axis], rtol=0.1
         )
+
+
+def without_drift(mission: Mission) -> Mission:
+    compass = mission.sensors["heading"]
+    return mission.with_sensor(replace(compass, noise={"disturbance_sigma_deg": 0.0}))
+
+
+def test_white_noise_of_a_compass_averages_out_over_a_scan_and_no_further() -> None:
+    """All of it counts in a scan taken at once, a share in one that takes a turn of the head."""
+    at_once = follow_scans(without_drift(circling(stop_s=10.0)), load_config())
+    white = at_once.filtered.P[at_once.record[0], YAW, YAW]
+    assert at_once.first_cov[2, 2] == pytest.approx(white)
+    mission = without_drift(gn.simulate("marina", seed=1, duration_s=20.0))
+    turning = follow_scans(mission, load_config())
+    headings = mission.sensors["heading"].series
+    assert isinstance(headings, HeadingSeries)
+    turns = turning.sonar.turns
+    begin_s, end_s = turning.instrument.series.t[[turns.first[0], turns.last[0] - 1]]
+    n = np.count_nonzero((headings.t >= begin_s) & (headings.t <= end_s))
+    assert n > 100
+    assert turning.first_cov[2, 2] == pytest.approx(headings.sigma[0] ** 2 / n, rel=0.02)
 
 
 def with_sonar_noise(mission: Mission, **noise: float) -> Mission:

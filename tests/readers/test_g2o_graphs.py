@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections import Counter
 from pathlib import Path
 
@@ -142,6 +143,25 @@ def test_a_malformed_line_is_named(tmp_path: Path, line: str, message: str) -> N
 def test_a_last_line_that_was_cut_off_is_rejected(tmp_path: Path) -> None:
     read = graph(tmp_path, f"EDGE_SE2 0 1 2 0 0 {INFORMATION}\nEDGE_SE2 1 2 2 0")
     assert [r.reason for r in read.rejections] == ["truncated line"]
+
+
+@pytest.mark.parametrize("n_whole", [0, 1])
+def test_a_sighting_that_was_cut_off_is_rejected_as_one(tmp_path: Path, n_whole: int) -> None:
+    whole = "EDGE_SE2_XY 1 2 3 4 25 0 25\n" * n_whole
+    read = graph(tmp_path, f"EDGE_SE2 0 1 2 0 0 {INFORMATION}\n{whole}EDGE_SE2_XY 1 2 3 4")
+    assert [(r.sensor, r.index) for r in read.rejections] == [("landmarks", n_whole)]
+
+
+def test_what_is_infinite_is_rejected_without_a_word_of_numpy_s(tmp_path: Path) -> None:
+    edges = f"EDGE_SE2 1 0 inf -inf 0 {INFORMATION}\nEDGE_SE2 3 4 1 0 inf {INFORMATION}\n"
+    flat = "EDGE_SE3:QUAT 0 4 -inf inf 0 0 0 inf 1 1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 1 0 0 1 0 1\n"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        read = graph(tmp_path, f"{GRAPH}{edges}{flat}EDGE_SE2_XY 1 2 inf 4 25 0 25\n")
+    assert [(r.sensor, r.index) for r in read.rejections] == [
+        *(("odometry", n) for n in (4, 5, 6)),
+        *(("landmarks", n) for n in (1, 2)),
+    ]
 
 
 def test_a_graph_without_edges(tmp_path: Path) -> None:

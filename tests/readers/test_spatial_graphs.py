@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from contextlib import suppress
 from pathlib import Path
 
@@ -67,7 +68,7 @@ def test_edges_are_turned_upside_down_and_nothing_else_is_a_sensor(tmp_path: Pat
     np.testing.assert_allclose(pitch, [[0, 0, -1], [0, 1, 0], [1, 0, 0]], atol=1e-12)
     np.testing.assert_allclose(edges.information[0], np.diag([100, 400, 2500, 4, 16, 64]))
     told = audit(read)
-    assert (told.edges, told.loops, told.methods) == (3, 1, ("graph",))
+    assert (told.edges, told.edges_left_out, told.loops, told.methods) == (3, 2, 1, ("graph",))
 
 
 def test_information_between_axes_keeps_its_sign(tmp_path: Path) -> None:
@@ -143,6 +144,15 @@ def test_a_malformed_line_is_named(tmp_path: Path, line: str, message: str) -> N
 def test_a_last_line_that_was_cut_off_is_rejected(tmp_path: Path, last: str) -> None:
     rejections = graph(tmp_path, GRAPH + last).rejections
     assert (rejections[-1].index, rejections[-1].reason) == (5, "truncated line")
+
+
+def test_what_is_infinite_is_rejected_without_a_word_of_numpy_s(tmp_path: Path) -> None:
+    infinite = f"EDGE_SE3:QUAT 8 9 inf inf -inf 0 {H} 0 {H} {UPPER}\n"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert graph(tmp_path, GRAPH + infinite).rejections[-1].index == 5
+        with pytest.raises(DataError, match="no edge joins two poses: says nothing finite"):
+            graph(tmp_path, infinite)
 
 
 @pytest.mark.parametrize("bad", ["7 7 1 1 1 0 0 0 1", "7 8 nan 1 1 0 1 0 1"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from contextlib import suppress
 from pathlib import Path
 
@@ -113,8 +114,9 @@ def test_neighbours_without_an_edge_are_counted(tmp_path: Path) -> None:
         (f"ODOMETRY 4 5 x 0 0 {COV}", "park.txt:3: ODOMETRY: 'x' is not a number"),
         (f"ODOMETRY 4.5 5 1 0 0 {COV}", "park.txt:3: ODOMETRY needs whole numbers"),
         ("BR nan 5 1 1 1 1", "park.txt:3: BR needs whole numbers"),
-        ("EDGE2 4 5 1 0 0 1 1 1 1 1 1", "the noise of edge 2"),
-        ("EDGE2 4 5 1 0 0 1 1 1 1 0 0", "the information of edge 2 is singular"),
+        ("EDGE2 4 5 1 0 0 1 1 1 1 1 1", "park.txt:3: its noise, [1.0, 1.0, 1.0, 1.0, 1.0, 1.0]"),
+        ("EDGE2 4 5 1 0 0 1 1 1 1 0 0", "park.txt:3: its noise is not positive definite"),
+        ("EDGE2 1 2 1 0 0 1 5 0 1 0 1", "park.txt:3: its noise is not positive definite"),
     ],
 )
 def test_a_malformed_line_is_named(tmp_path: Path, line: str, message: str) -> None:
@@ -122,6 +124,21 @@ def test_a_malformed_line_is_named(tmp_path: Path, line: str, message: str) -> N
     with pytest.raises(DataError) as caught:
         graph(tmp_path, lines)
     assert message in str(caught.value)
+
+
+def test_an_edge_is_in_the_graph_and_the_odometry_or_in_neither(tmp_path: Path) -> None:
+    """What is infinite is rejected, without a word of numpy's, also of an edge said backward."""
+    infinite = f"EDGE2 3 1 inf 0 inf {COV}\nEDGE2 0 3 0 -inf 0 {COV}\n"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        mission = graph(tmp_path, GRAPH + infinite)
+    assert len(series_of(mission)[0]) == 3
+    assert mission.edges is not None
+    assert len(mission.edges) == 4
+    assert [(r.index, r.reason) for r in mission.rejections if r.sensor == "odometry"] == [
+        (4, "says nothing finite"),
+        (5, "says nothing finite"),
+    ]
 
 
 @pytest.mark.parametrize("last", ["LANDMARK 3 2 1", "LANDMARK 3 2 1 1 1 0 1e-"])

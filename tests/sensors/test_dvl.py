@@ -107,6 +107,6 @@ def test_a_wrong_sound_speed_is_put_right() -> None:
 
 def test_spells_of_water_lock_last_until_the_bottom_is_back() -> None:
     bottom = lost(60, (5, 9), (20, 35), (40, 60))
-    spells = water_spells(dvl(bottom), LIMIT_S)
+    spells = water_spells([dvl(bottom)], LIMIT_S)
     np.testing.assert_array_equal(spells, [[20.0, 34.0], [40.0, 59.0]])
-    assert water_spells(dvl(np.ones(9, dtype=bool)), LIMIT_S).shape == (0, 2)
+    assert water_spells([dvl(np.ones(9, dtype=bool))], LIMIT_S).shape == (0, 2)

@@ -44,7 +44,7 @@ def _through_water(problem: Problem, mission: Mission, config: Config) -> tuple[
     dvl = mission.first("dvl")
     if dvl is None:
         return np.zeros((0, len(problem.t) - 1)), 0.0
-    spells = water_spells(dvl, config.motion.water_lock_after_s)
+    spells = water_spells([dvl], config.motion.water_lock_after_s)
     noise = DvlNoise.model_validate(dvl.noise)
     return _overlaps(problem.t, spells), noise.water_sigma_m_s
 
