@@ -68,6 +68,10 @@ def batch(
         show(ranking_table(ranking), "", f"table: {out / TABLE}", f"summary: {out / REPORT}")
     failures = results[results["cause"].notna()]
     for cause, rows in failures.groupby("cause"):
-        say(f"warning: {cause}: {len(rows)} of {len(results)} runs failed")
+        first = rows.iloc[0]
+        say(
+            f"warning: {cause}: {len(rows)} of {len(results)} runs failed,"
+            f" the first {first['mission']}, {first['method']}: {first['error']}"
+        )
     if failures["exit_code"].any():
         raise typer.Exit(int(failures["exit_code"].max()))

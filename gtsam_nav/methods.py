@@ -165,7 +165,7 @@ def estimate(
     _check_faults(method, blind)
     motion, notes = fitted_to(blind, config.motion)
     config = config.model_copy(update={"motion": motion})
-    notes = (*notes, *warnings_on_turns(blind), *_warnings_on_edges(method, blind))
+    notes = (*notes, *warnings_on_turns(method, blind), *_warnings_on_edges(method, blind))
     blind = replace(blind, warnings=(*blind.warnings, *notes))
     run: Method = import_module(_METHODS[method].module).estimate
     try:

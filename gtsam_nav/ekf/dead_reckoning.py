@@ -13,6 +13,7 @@ from gtsam_nav.ekf.constant_velocity import (
     DEPTH,
     VELOCITY,
     YAW,
+    YAW_RATE,
     Filtered,
     Measurements,
     Restarts,
@@ -228,7 +229,8 @@ def collect_measurements(
                 np.tile(velocities.sigma[:, None] ** 2, 3),
             )
         )
-    if not any(map(len, parts)):
+    headings, by_dvl = headings_true(mission), any(map(len, parts))
+    if not by_dvl:
         parts += _odometry(mission)
     if not any(map(len, parts)):
         raise DataError(
@@ -236,10 +238,11 @@ def collect_measurements(
             f" the mission has: {', '.join(sorted(mission.sensors)) or 'no sensor'}"
         )
     parts += _depths(mission)
-    headings = headings_true(mission)
     if headings is not None:
         value, sigma = headings.heading[:, None], headings.sigma[:, None]
         parts.append(_part("heading", headings.t, headings.row, YAW, value, sigma**2))
+    elif by_dvl:
+        parts += _turn_rates(mission)
     return _merged(parts), tuple(rejections)
 
 
@@ -256,6 +259,15 @@ def _odometry(mission: Mission) -> Iterator[Measurements]:
         variance = np.column_stack([s_v, s_v, s_v, s_w]) ** 2
         start = VELOCITY.start
         yield _part(sensor.name, series.t, series.row, start, value[:, :size], variance[:, :size])
+
+
+def _turn_rates(mission: Mission) -> Iterator[Measurements]:
+    """What odometry tells of the turns where no compass does; its speeds give way to the DVL's."""
+    for sensor in mission.of_type("odometry"):
+        series = sensor.series
+        assert isinstance(series, OdometrySeries)
+        value, sigma = series.yaw_rate[:, None], series.sigma_yaw_rate[:, None]
+        yield _part(sensor.name, series.t, series.row, YAW_RATE, value, sigma**2)
 
 
 def _levelled(mission: Mission, t: Array, v_b: Array) -> Array:

@@ -5,15 +5,12 @@ from __future__ import annotations
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.settings import MotionSettings
 
-TURNING_TYPES = ("heading", "imu", "odometry")
+TURNING_TYPES = {"heading": "a heading", "imu": "an IMU", "odometry": "odometry"}
 """Sensors that measure a heading or a rate of turn."""
+WITHOUT_GYRO = ("dr", "scan-match", "pose-ekf")
+"""Methods whose dead reckoning takes no rates from an IMU."""
 TURN_S = 5.0
 """How long a vehicle keeps a rate of turn, or thereabouts."""
-
-
-def measures_turns(mission: Mission) -> bool:
-    """Whether a sensor measures how the vehicle turns."""
-    return any(mission.first(kind) is not None for kind in TURNING_TYPES)
 
 
 def unmeasured_yaw_variance_rad2_s(settings: MotionSettings) -> float:
@@ -25,12 +22,14 @@ def unmeasured_yaw_variance_rad2_s(settings: MotionSettings) -> float:
     return settings.sigma_yaw_accel_rad_s2**2 * TURN_S**2 / 3.0
 
 
-def warnings_on_turns(mission: Mission) -> tuple[str, ...]:
-    """What a user must hear of a mission whose heading nothing tells."""
-    if measures_turns(mission) or mission.first("dvl") is None:
+def warnings_on_turns(method: str, mission: Mission) -> tuple[str, ...]:
+    """What a user must hear of a mission whose heading nothing tells a method."""
+    used = [kind for kind in TURNING_TYPES if kind != "imu" or method not in WITHOUT_GYRO]
+    if any(mission.first(kind) for kind in used) or mission.first("dvl") is None:
         return ()
+    lacking = " nor ".join(TURNING_TYPES[kind] for kind in used)
     return (
-        "nothing measures how the vehicle turns: it has neither a heading nor an IMU nor odometry;"
-        " unless fixes or scans tell it, the yaw stays that of the start and its sigma grows to"
-        " that of a direction nobody knows",
+        f"nothing measures how the vehicle turns: {method} finds neither {lacking}; unless fixes or"
+        " scans tell it, the yaw stays that of the start and its sigma grows to that of a direction"
+        " nobody knows",
     )

@@ -47,7 +47,7 @@ def test_it_ranks_and_says_where_the_results_are(missions: Path, tmp_path: Path)
 def test_a_bad_mission_is_counted_and_sets_the_exit_code(missions: Path, tmp_path: Path) -> None:
     done = call(missions / "*", "--out", tmp_path, "-m", "dr")
     assert done.exit_code == 3
-    assert "warning: DataError: 1 of 3 runs failed" in done.stderr
+    assert "warning: DataError: 1 of 3 runs failed, the first bad, dr: " in done.stderr
 
 
 def test_json_is_the_ranking(missions: Path, tmp_path: Path) -> None:

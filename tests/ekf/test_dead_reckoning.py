@@ -295,6 +295,14 @@ def test_odometry_waits_for_a_blind_dvl() -> None:
     assert along_course(solution) == pytest.approx(0.5 * DURATION_S, abs=0.5)
 
 
+def test_without_a_compass_the_wheels_tell_the_turns_beside_a_dvl() -> None:
+    both = straight().with_sensor(odometry(yaw_rate=0.05)).without("heading")
+    solution = gn.estimate(both, "dr")
+    assert solution.innovations["wheels"].dof == 1
+    turned = np.unwrap(solution.trajectory.rpy[:, 2])
+    assert turned[-1] - turned[0] == pytest.approx(0.05 * DURATION_S, rel=0.05)
+
+
 def test_without_velocity_the_error_names_what_there_is() -> None:
     nothing = np.zeros(len(T_DVL), dtype=bool)
     for mission, present in (
