@@ -123,7 +123,7 @@ def _fit(
 
 
 def _coarse_lag_s(series: GnssSeries, t: Array, way_n: Array) -> float:
-    """How late the fixes are by the way along north and east; zero where it does not tell."""
+    """What to add to the fixes' stamps by the way north and east; zero where it does not tell."""
     fixes_n = series.p_n[:, :2]
     told = [agreement(Signal(series.t, fixes_n[:, k]), Signal(t, way_n[:, k])) for k in range(2)]
     known = [a for a in told if a is not None]

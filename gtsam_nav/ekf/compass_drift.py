@@ -35,11 +35,6 @@ class CompassDrift:
         noise = HeadingNoise.model_validate(compass.noise)
         return cls(float(np.radians(noise.disturbance_sigma_deg)), noise.disturbance_time_s)
 
-    @property
-    def growth(self) -> float:
-        """How fast the variance of its change grows at first, rad^2/s."""
-        return 2 * self.sigma**2 / self.time_s
-
     def kept(self, elapsed_s: Array) -> Array:
         """Shares of an error that its mean over times (...) and its ends keep, shape (..., 2)."""
         a = self._elapsed(elapsed_s)

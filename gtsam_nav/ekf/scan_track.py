@@ -20,6 +20,7 @@ from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.preprocess.alignment import Alignment, align
+from gtsam_nav.preprocess.compass_turns import disturbance_walk_rad2_s
 from gtsam_nav.registration.settings import PicSettings
 from gtsam_nav.sensors.noise import SonarNoise
 from gtsam_nav.sensors.orientation import headings_true
@@ -195,7 +196,7 @@ def follow_scans(mission: Mission, config: Config) -> ScanTrack:
     sonar = deskewed(echoes, turns, motion)
     noise = SonarNoise.model_validate(_sonar_of(mission).noise)
     pic = _with_floors(config.pic, noise)
-    yaw_growth = motion.yaw_variance_rad2_s if drift is None else drift.growth
+    yaw_growth = motion.yaw_variance_rad2_s if drift is None else disturbance_walk_rad2_s(mission)
     way_variance = _way_variance(reckoned.filtered, record)
     distorted = distortions(sonar, motion, way_variance, yaw_growth, pic)
     beam_s = _sonar_of(mission).series.t

@@ -12,9 +12,7 @@ from gtsam_nav.errors import EstimationError, PackageError
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.backend import graph_of
 from gtsam_nav.graph.cloud_loops import close_cloud_loops
-from gtsam_nav.graph.doubts import (
-    unsure_for_echoes,
-)
+from gtsam_nav.graph.doubts import unsure_for_echoes
 from gtsam_nav.graph.exact_edges import refine_exactly
 from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.false_loops import loop_faults
@@ -24,9 +22,7 @@ from gtsam_nav.graph.knot_system import JointPosterior
 from gtsam_nav.graph.loop_judging import judged
 from gtsam_nav.graph.measurements import build_problem, clouds
 from gtsam_nav.graph.online import OnlinePass, run_online
-from gtsam_nav.graph.output import (
-    smoothed_covariances,
-)
+from gtsam_nav.graph.output import smoothed_covariances
 from gtsam_nav.graph.outset import Ready, made_ready, mission_keyframes, start_and_motion
 from gtsam_nav.graph.problem import Problem, SensorFactor
 from gtsam_nav.graph.refinement import JointRefinement, Refined, refine_without_sonar

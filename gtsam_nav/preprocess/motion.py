@@ -49,7 +49,7 @@ SPIKE_PROBABILITY = 0.99999
 
 @dataclass(frozen=True)
 class VehicleMotion:
-    """Dead-reckoned motion on a uniform grid of time.
+    """Dead-reckoned motion at increasing times.
 
     Attributes
     ----------

@@ -54,11 +54,6 @@ def test_the_mean_over_a_span_is_as_far_off_as_drawn(drawn: Array) -> None:
     assert DRIFT.mean_variance(0.0) == pytest.approx(DRIFT.sigma**2, rel=1e-3)
 
 
-def test_at_first_it_grows_evenly() -> None:
-    one_s = DRIFT.change(np.array(1.0))[1, 1]
-    assert DRIFT.growth == pytest.approx(one_s, rel=0.02)
-
-
 def test_times_may_come_in_any_shape_and_none_may_pass() -> None:
     many = np.array([[0.0, 1e-9, 1.0], [10.0, 100.0, 1e5]])
     assert DRIFT.change(many).shape == (2, 3, 2, 2)
