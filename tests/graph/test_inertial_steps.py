@@ -230,3 +230,23 @@ def test_readings_without_noise_are_integrated_anew_at_any_other_bias() -> None:
     assert step.at(bias) is step
     other = gtsam.imuBias.ConstantBias(np.zeros(3), np.array([1e-6, 0.0, 0.0]))
     assert step.at(other) is not step
+
+
+def test_coasting_is_no_surer_than_the_readings_it_stands_for() -> None:
+    """Even of a vehicle that never moved, whose readings are all the same to the last digit."""
+    t = np.arange(0.0, 20.0, 0.01)
+    t = t[(t < 8.0) | (t > 12.0)]
+    force = np.tile([0.0, 0.0, -9.8125], (len(t), 1))
+    series = ImuSeries(t=t, gyro_i=np.zeros((len(t), 3)), accel_i=force)
+    imu = Sensor(name="imu", type="imu", series=series)
+    step = problem_of(imu, np.arange(0.0, 20.0, 4.0), mission_origin=False).steps[3]
+    assert step is not None
+    noise = ImuNoise()
+    for covariance, density in (
+        (step.parameters.getAccelerometerCovariance(), noise.accel_noise_density_m_s2_sqrt_hz),
+        (step.parameters.getGyroscopeCovariance(), noise.gyro_noise_density_rad_s_sqrt_hz),
+    ):
+        np.testing.assert_allclose(covariance, density**2 * np.eye(3))
+    assert step.pim is not None
+    other = gtsam.imuBias.ConstantBias(np.zeros(3), np.array([0.01, 0.0, 0.0]))
+    assert step.at(other) is not step
