@@ -76,18 +76,17 @@ class InertialStep:
 
     def at(self, bias: Any) -> InertialStep:
         """The step at another bias; the same where it was integrated near enough to that."""
-        density = float(self.parameters.getAccelerometerCovariance()[0, 0])
-        variance = density * float(np.sum(self.dt))
-        # squared: readings may have no noise at all
-        within_noise = self._left_out_m_s(bias) ** 2 <= SECOND_ORDER_SIGMAS**2 * variance
-        if "pim" in vars(self) and within_noise:
+        if "pim" in vars(self) and self._second_order_sigmas(bias) < SECOND_ORDER_SIGMAS:
             return self
         return replace(self, bias=bias)
 
-    def _left_out_m_s(self, bias: Any) -> float:
-        """What the linear factor leaves out of the velocity at a bias.
+    def _second_order_sigmas(self, bias: Any) -> float:
+        """What the linear factor leaves out of the velocity at a bias, in units of its noise.
 
         Readings that a bias turns by w t feel gravity off by g (w t)^2 / 2 along the vertical.
         """
         moved = float(np.linalg.norm(bias.gyroscope() - self.bias.gyroscope()))
-        return GRAVITY_M_S2 * moved**2 * float(np.sum(self.dt)) ** 3 / 6
+        span_s = float(np.sum(self.dt))
+        left_out_m_s = GRAVITY_M_S2 * moved**2 * span_s**3 / 6
+        variance = float(self.parameters.getAccelerometerCovariance()[0, 0]) * span_s
+        return left_out_m_s / float(np.sqrt(variance))

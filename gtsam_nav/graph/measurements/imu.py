@@ -136,19 +136,24 @@ def _coasting(problem: Problem, k: int, gravity_n: Array, imu: Sensor) -> Inerti
     series = imu.series
     assert isinstance(series, ImuSeries)
     parameters = gtsam.PreintegrationParams(gravity_n)
-    for habit, set_covariance in (
-        (_habit(series.t, series.accel_i), parameters.setAccelerometerCovariance),
-        (_habit(series.t, series.gyro_i), parameters.setGyroscopeCovariance),
+    noise = ImuNoise.model_validate(imu.noise)
+    for readings, density, set_covariance in (
+        (
+            series.accel_i,
+            noise.accel_noise_density_m_s2_sqrt_hz,
+            parameters.setAccelerometerCovariance,
+        ),
+        (series.gyro_i, noise.gyro_noise_density_rad_s_sqrt_hz, parameters.setGyroscopeCovariance),
     ):
-        set_covariance(2 * HABIT_S * habit * np.eye(3))
+        # a vehicle at rest has no habits: no surer than the readings would be
+        set_covariance(max(2 * HABIT_S * _habit(series.t, readings), density**2) * np.eye(3))
     parameters.setIntegrationCovariance(1e-10 * np.eye(3))
     span_s = float(problem.t[k] - problem.t[k - 1])
     n = int(np.ceil(span_s / COASTING_STEP_S))
     # the estimated biases are taken off again
     force_b = -problem.R_nb[k - 1].T @ gravity_n + problem.bias.accelerometer()
-    readings = np.tile([force_b, problem.bias.gyroscope()], (n, 1, 1))
-    dt = np.full(n, span_s / n)
-    return InertialStep(k, problem.bias, parameters, readings[:, 0], readings[:, 1], dt)
+    accel, gyro = (np.tile(one, (n, 1)) for one in (force_b, problem.bias.gyroscope()))
+    return InertialStep(k, problem.bias, parameters, accel, gyro, np.full(n, span_s / n))
 
 
 def _habit(t: Array, readings: Array) -> float:
