@@ -104,7 +104,9 @@ def _warnings_on_edges(method: str, mission: Mission) -> tuple[str, ...]:
     """What every method but the graph leaves out of a pose graph."""
     if method == "graph" or mission.edges is None:
         return ()
-    n = mission.edges.n_loops
+    from gtsam_nav.preprocess.edge_loops import n_loops
+
+    n = n_loops(mission)
     return (f"{n} edges close loops, which only the method graph uses",) if n else ()
 
 

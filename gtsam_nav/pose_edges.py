@@ -80,11 +80,6 @@ class PoseEdges:
         return np.asarray(to_a @ whole @ np.swapaxes(to_a, 1, 2))
 
     @property
-    def n_loops(self) -> int:
-        """How many join poses that do not follow each other: those are a second apart at most."""
-        return int(np.sum(np.abs(self.t[:, 1] - self.t[:, 0]) > 1))
-
-    @property
     def span_s(self) -> tuple[float, float]:
         """First and last pose."""
         return float(self.t.min()), float(self.t.max())

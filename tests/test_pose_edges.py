@@ -26,7 +26,6 @@ def test_edges_in_the_plane_have_the_figures_they_were_made_of() -> None:
     np.testing.assert_allclose(edges.q, Q, atol=1e-12)
     np.testing.assert_allclose(edges.cov, COV, atol=1e-12)
     assert not np.any(edges.information[:, [0, 1, 5]])
-    assert edges.n_loops == 1
 
 
 def test_information_stands_along_the_axes_at_the_pose() -> None:

@@ -25,6 +25,7 @@ from gtsam_nav.audit.timing import (
 from gtsam_nav.methods import runnable_methods
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.pose_edges import EDGES
+from gtsam_nav.preprocess.edge_loops import n_loops
 
 
 @dataclass(frozen=True)
@@ -138,7 +139,7 @@ def audit(mission: Mission) -> Audit:
         sonars=tuple(head for head in heads.values() if head is not None),
         rest_s=initial_rest_s(together),
         edges=0 if mission.edges is None else len(mission.edges),
-        loops=0 if mission.edges is None else mission.edges.n_loops,
+        loops=n_loops(mission),
         edges_left_out=sum(r.sensor == EDGES for r in mission.rejections),
         methods=runnable_methods(mission),
         findings=tuple(findings()),

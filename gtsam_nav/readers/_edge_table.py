@@ -14,7 +14,7 @@ import numpy as np
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, rotation_from_rpy, rpy_from_rotation
 from gtsam_nav.pose_edges import PoseEdges
-from gtsam_nav.readers._matrices import definite, symmetric, upper_triangle
+from gtsam_nav.readers._matrices import definite, symmetric, turn_first, upper_triangle
 from gtsam_nav.readers._table import read_table
 
 
@@ -32,8 +32,6 @@ MORE_IN_SPACE = (
     *("z", "roll_deg", "pitch_deg"),
     *(name for name in SPATIAL_COV_COLUMNS if name not in COV_COLUMNS),
 )
-TURN_FIRST = np.array([3, 4, 5, 0, 1, 2])
-"""Reorders shift and turn to turn and shift, and back."""
 
 
 def read_edges(path: Path) -> tuple[PoseEdges | None, int]:
@@ -71,8 +69,8 @@ def _in_space(t: Array, p_a: Array, rpy: Array, cov: Array) -> PoseEdges:
     R_ab = rotation_from_rpy(rpy)
     # along the pose's own axes
     to_b = np.kron(np.eye(2), np.swapaxes(R_ab, 1, 2))
-    information: Array = np.linalg.inv(to_b @ cov @ np.swapaxes(to_b, 1, 2)).astype(float)
-    return PoseEdges(t, R_ab, p_a, information[:, TURN_FIRST][:, :, TURN_FIRST])
+    information = to_b @ np.linalg.inv(cov) @ np.swapaxes(to_b, 1, 2)
+    return PoseEdges(t, R_ab, p_a, turn_first(information))
 
 
 def edge_columns(edges: PoseEdges) -> dict[str, Array]:
@@ -85,6 +83,5 @@ def edge_columns(edges: PoseEdges) -> dict[str, Array]:
     rpy_deg = np.degrees(rpy_from_rotation(edges.R_ab))
     columns |= dict(zip(ANGLES, rpy_deg.T, strict=True))
     to_a = np.kron(np.eye(2), edges.R_ab)
-    cov: Array = np.linalg.inv(edges.information).astype(float)[:, TURN_FIRST][:, :, TURN_FIRST]
-    cov = to_a @ cov @ np.swapaxes(to_a, 1, 2)
+    cov = turn_first(to_a @ np.linalg.inv(edges.information) @ np.swapaxes(to_a, 1, 2))
     return columns | dict(zip(SPATIAL_COV_COLUMNS, upper_triangle(cov).T, strict=True))

@@ -22,6 +22,12 @@ def upper_triangle(matrices: Array) -> Array:
     return np.asarray(matrices[:, row, column])
 
 
+def turn_first(matrices: Array) -> Array:
+    """Matrices (n, 6, 6) of shift and turn as those of turn and shift, and back."""
+    order = [3, 4, 5, 0, 1, 2]
+    return np.asarray(matrices[:, order][:, :, order])
+
+
 def definite(matrices: Array) -> BoolArray:
     """Which symmetric matrices, shape (n, k, k), are finite and positive definite."""
     finite = np.all(np.isfinite(matrices), axis=(1, 2))

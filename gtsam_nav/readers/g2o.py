@@ -31,6 +31,7 @@ from gtsam_nav.preprocess.cleaning import tidy
 from gtsam_nav.readers._clock import on_mission_time
 from gtsam_nav.readers._edges import are_flat, mission_in_space, refuse_mixture, split_edges
 from gtsam_nav.readers._graph_lines import GraphLines, informations, read_graph_lines
+from gtsam_nav.readers._matrices import turn_first
 from gtsam_nav.readers._text import first_lines
 from gtsam_nav.series import IntArray, LandmarkSeries, Series
 from gtsam_nav.solution import Progress, no_progress
@@ -42,8 +43,6 @@ PLANAR, SIGHTING, SPATIAL = "EDGE_SE2", "EDGE_SE2_XY", "EDGE_SE3:QUAT"
 N_NUMBERS = {PLANAR: 11, SIGHTING: 7, SPATIAL: 30}
 NOT_READ = ("VERTEX_SE2", "VERTEX_XY", "VERTEX_SE3:QUAT", "FIX")
 ENDINGS = (".g2o", ".g2o.gz", ".g2o.bz2")
-TURN_FIRST = np.array([3, 4, 5, 0, 1, 2])
-"""Reorders shift and turn to turn and shift."""
 IN_PLANE = np.array([0, 1, 5])
 """x, y and yaw among shift and turn."""
 
@@ -83,7 +82,7 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
         ids=spatial[:, :2],
         R_ab=R_ab,
         p_a=spatial[:, 2:5],
-        information=information[:, TURN_FIRST][:, :, TURN_FIRST],
+        information=turn_first(information),
     )
 
 

@@ -63,7 +63,6 @@ def test_edges_that_close_loops_are_edges_of_the_mission(tmp_path: Path) -> None
     np.testing.assert_allclose(read.edges.q[3], [1, -1, -1])
     np.testing.assert_allclose(read.edges.cov[1], np.diag([0.04, 0.01, 0.25]))
     np.testing.assert_allclose(read.edges.cov[0], np.diag([0.01, 0.04, 0.25]), atol=1e-15)
-    assert read.edges.n_loops == 1
     told = "1 edges close loops, which only the method graph uses"
     assert told not in read.warnings
     assert told in estimate(read, "dr").warnings

@@ -59,7 +59,6 @@ def test_edges_are_turned_upside_down_and_nothing_else_is_a_sensor(tmp_path: Pat
     edges = edges_of(read)
     assert not read.sensors
     assert edges.in_space
-    assert edges.n_loops == 1
     np.testing.assert_allclose(edges.t, [[0, 1], [2, 1], [0, 3]])
     np.testing.assert_allclose(edges.p_a, [[1, -2, -3], [0, 0, 5], [4, -4, -4]])
     roll, yaw, pitch = edges.R_ab
