@@ -13,7 +13,9 @@ import numpy as np
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, rotation_from_rpy, rpy_from_rotation
-from gtsam_nav.pose_edges import PoseEdges
+from gtsam_nav.mission import Rejection
+from gtsam_nav.pose_edges import EDGES, PoseEdges
+from gtsam_nav.readers._edges import NOT_FINITE, ONTO_ITSELF
 from gtsam_nav.readers._matrices import definite, symmetric, turn_first, upper_triangle
 from gtsam_nav.readers._table import read_table
 
@@ -34,8 +36,8 @@ MORE_IN_SPACE = (
 )
 
 
-def read_edges(path: Path) -> tuple[PoseEdges | None, int]:
-    """The edges that a mission folder holds, and how many of the file's are none.
+def read_edges(path: Path) -> tuple[PoseEdges | None, list[Rejection]]:
+    """The edges that a mission folder holds, and those of the file's that are none.
 
     Raises
     ------
@@ -54,15 +56,19 @@ def read_edges(path: Path) -> tuple[PoseEdges | None, int]:
     p = np.column_stack([c[name] for name in places])
     rpy = np.radians(np.column_stack([c[name] for name in angles]))
     cov = symmetric(np.column_stack([c[name] for name in names]), size)
-    kept = np.all(np.isfinite(np.hstack([t, p, rpy])), axis=1) & definite(cov)
-    kept &= t[:, 0] != t[:, 1]
+    sound = np.all(np.isfinite(np.hstack([t, p, rpy])), axis=1) & definite(cov)
+    kept = sound & (t[:, 0] != t[:, 1])
+    rejections = [
+        Rejection(float(t[k, 1]), EDGES, k, ONTO_ITSELF if sound[k] else NOT_FINITE)
+        for k in np.flatnonzero(~kept).tolist()
+    ]
+    rejections += table.cut(EDGES)
     t, p, rpy, cov = t[kept], p[kept], rpy[kept], cov[kept]
-    dropped = int(np.sum(~kept)) + (table.cut_stamp is not None)
     if not len(t):
-        return None, dropped
+        return None, rejections
     if in_space:
-        return _in_space(t, p, rpy, cov), dropped
-    return PoseEdges.in_plane(t, np.hstack([p, rpy]), cov), dropped
+        return _in_space(t, p, rpy, cov), rejections
+    return PoseEdges.in_plane(t, np.hstack([p, rpy]), cov), rejections
 
 
 def _in_space(t: Array, p_a: Array, rpy: Array, cov: Array) -> PoseEdges:

@@ -165,8 +165,9 @@ class _Reading:
             return
         if entry.type == EDGES:
             self.edges, dropped = read_edges(path)
+            self.rejections += dropped
             if dropped:
-                self.warnings.append(f"{path.name}: {dropped} unusable edges are left out")
+                self.warnings.append(f"{path.name}: {len(dropped)} unusable edges are left out")
             return
         series, rejections = self._series(name, entry, path)
         self.rejections += rejections

@@ -98,6 +98,17 @@ def test_an_edge_of_a_mission_folder_that_is_left_out_is_told(
     assert any(told in w for w in read.warnings)
 
 
+def test_what_is_wrong_with_an_edge_of_a_mission_folder_is_told(tmp_path: Path) -> None:
+    write_mission(graph(tmp_path), tmp_path / "folder")
+    with (tmp_path / "folder" / "edges.csv").open("a") as file:
+        file.write("0,2,nan,0,0,1,0,0,1,0,1\n1,1,0,0,0,1,0,0,1,0,1\n")
+    rejections = open_mission(tmp_path / "folder").rejections
+    assert [(r.sensor, r.t, r.index, r.reason) for r in rejections] == [
+        ("edges", 2.0, 4, "says nothing finite"),
+        ("edges", 1.0, 5, "joins a pose to itself"),
+    ]
+
+
 def test_a_graph_without_loops_is_odometry_alone(tmp_path: Path) -> None:
     read = graph(tmp_path, f"EDGE_SE2 0 1 2 0 0 {INFORMATION}\n")
     assert read.edges is None
