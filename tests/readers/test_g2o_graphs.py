@@ -103,7 +103,8 @@ def test_what_is_wrong_with_an_edge_of_a_mission_folder_is_told(tmp_path: Path) 
     with (tmp_path / "folder" / "edges.csv").open("a") as file:
         file.write("0,2,nan,0,0,1,0,0,1,0,1\n1,1,0,0,0,1,0,0,1,0,1\n")
     rejections = open_mission(tmp_path / "folder").rejections
-    assert [(r.sensor, r.t, r.index, r.reason) for r in rejections] == [
+    found = [(r.sensor, r.t, r.index, r.reason) for r in rejections if r.sensor == "edges"]
+    assert found == [
         ("edges", 2.0, 4, "says nothing finite"),
         ("edges", 1.0, 5, "joins a pose to itself"),
     ]
