@@ -41,7 +41,7 @@ ROLLING_INTERVAL_S = 0.25
 """Longest time between keyframes of a vehicle on wheels: each is held to its course."""
 BRIDGED_YAW_RAD = np.radians(0.2)
 """So far a compass's disturbance may stray between keyframes that know it: a bin at 30 m."""
-COMPASS_INTERVAL_S = 2.5
+COMPASS_INTERVAL_S = 2.0
 """Keyframes for the sake of a compass are no closer than this: ten times as many states in a scan
 cost a hundred times as much; ..."""
 MOST_BY_COMPASS = 3600
