@@ -37,12 +37,13 @@ from gtsam_nav.series import IntArray, LandmarkSeries, Series
 from gtsam_nav.solution import Progress, no_progress
 
 NAME = "g2o graph"
-EXPECTS = "a .g2o file (plain, .gz or .bz2) with EDGE_SE2 or EDGE_SE3:QUAT lines"
+EXPECTS = "a .g2o file (plain, .gz or .bz2; or .txt, .graph) with EDGE_SE2 or EDGE_SE3:QUAT lines"
 
 PLANAR, SIGHTING, SPATIAL = "EDGE_SE2", "EDGE_SE2_XY", "EDGE_SE3:QUAT"
 N_NUMBERS = {PLANAR: 11, SIGHTING: 7, SPATIAL: 30}
 NOT_READ = ("VERTEX_SE2", "VERTEX_XY", "VERTEX_SE3:QUAT", "FIX")
-ENDINGS = (".g2o", ".g2o.gz", ".g2o.bz2")
+ENDINGS, TEXT_ENDINGS = (".g2o", ".g2o.gz", ".g2o.bz2"), (".txt", ".graph")
+FIRST_WORDS = ("VERTEX_SE2 ", "VERTEX_SE3:QUAT ", f"{PLANAR} ", f"{SPATIAL} ")
 IN_PLANE = np.array([0, 1, 5])
 """x, y and yaw among shift and turn."""
 
@@ -50,11 +51,12 @@ Cleaned = tuple[Series | None, list[Rejection]]
 
 
 def can_open(path: Path) -> bool:
-    """Whether the path is a .g2o file."""
-    try:
-        return path.is_file() and path.name.endswith(ENDINGS) and bool(first_lines(path, 1))
-    except (OSError, ValueError):
+    """Whether the path is a .g2o file, or a text file that begins as one does."""
+    is_named, is_text = path.name.endswith(ENDINGS), path.name.endswith(TEXT_ENDINGS)
+    if not (is_named or is_text):
         return False
+    first = first_lines(path, 1)
+    return bool(first) and (is_named or first[0].startswith(FIRST_WORDS))
 
 
 def read(path: Path, progress: Progress = no_progress) -> Mission:

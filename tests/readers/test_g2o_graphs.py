@@ -110,6 +110,16 @@ def test_what_is_wrong_with_an_edge_of_a_mission_folder_is_told(tmp_path: Path) 
     ]
 
 
+@pytest.mark.parametrize("name", ["graph.txt", "graph.graph"])
+def test_a_text_file_that_begins_like_g2o_is_read_as_such(tmp_path: Path, name: str) -> None:
+    line = f"EDGE_SE2 0 1 2 0 0 {INFORMATION}\n"
+    (tmp_path / name).write_text(line)
+    np.testing.assert_allclose(odometry_of(open_mission(tmp_path / name)).t, [0])
+    (tmp_path / name).write_text(f"note\n{line}")
+    with pytest.raises(DataError, match="not a mission that any reader knows"):
+        open_mission(tmp_path / name)
+
+
 def test_a_graph_without_loops_is_odometry_alone(tmp_path: Path) -> None:
     read = graph(tmp_path, f"EDGE_SE2 0 1 2 0 0 {INFORMATION}\n")
     assert read.edges is None
