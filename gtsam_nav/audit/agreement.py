@@ -232,9 +232,7 @@ def _silence_s(t: Array, grid: Array) -> Array:
     return np.asarray(t[after] - t[after - 1])
 
 
-def _over_windows(
-    products: Array, step_s: float, reach: int | None, moved: int
-) -> Verdict | None:
+def _over_windows(products: Array, step_s: float, reach: int | None, moved: int) -> Verdict | None:
     """The agreement over windows of one length; None where one of the two never changes."""
     n = len(products)
     total = products.sum(axis=0)
@@ -294,23 +292,23 @@ def _best_lag(products: Array) -> int:
 def _is_unrivalled(products: Array, best: int, reach: int | None, moved: int) -> bool:
     """Whether the best lag is significantly better than each other peak of as few faults.
 
-    A reversed sign is one fault, and so is a lag. A small lag is likelier beforehand than a far one
-    (beyond ``reach``, in steps), and a sign alone than a lag that happens to look like it: these
-    are told less strictly, and what is nearer is left to the search at full resolution, which has
-    no reach. ``moved`` is the lag of the middle, in steps.
+    A reversed sign is one fault, and so is a lag. A small lag is likelier beforehand than one
+    beyond ``reach`` (in steps), and a sign alone than a lag that happens to look like it: these are
+    told less strictly, and what is nearer is left to the search at full resolution, which has no
+    reach. ``moved`` is the lag of the middle, in steps.
     """
     xy, xx, _ = products.sum(axis=0)
     explained = xy**2 / xx
     lags = np.abs(np.arange(len(xy)) - len(xy) // 2 + moved)
     faults = (xy < 0).astype(int) + (lags > 1)
-    rivals = [k for k in _other_peaks(explained, best) if faults[k] <= faults[best]]
-    questions, false_alarm = len(rivals), FALSE_ALARM
+    # what passes for no fault in coarse steps may yet be a small lag
+    rivals = [k for k in _other_peaks(explained, best) if faults[k] <= max(faults[best], 1)]
     sign_alone = xy[best] < 0 and faults[best] == 1
-    if reach is not None and faults[best] < 2 and lags[best] <= reach:
+    small = reach is not None and faults[best] < 2 and lags[best] <= reach
+    if small:
         rivals = [k for k in rivals if lags[k] > reach and not sign_alone]
-        questions, false_alarm = 1, ALIAS_FALSE_ALARM
-    elif sign_alone:
-        questions, false_alarm = 1, ALIAS_FALSE_ALARM
+    likelier = small or sign_alone
+    questions, false_alarm = (1, ALIAS_FALSE_ALARM) if likelier else (len(rivals), FALSE_ALARM)
 
     def misfit(k: int) -> Array:
         gain = xy[k] / xx[k]
