@@ -192,6 +192,8 @@ MISTAKES = (
             "velocity scale", "dvl", "scale: {vx: ", SILENT),
     Mistake("odometry in deg/s", "marina", column("odometry", "yaw_rate", np.degrees),
             "gyro unit", "odometry", "scale: {wz: 0.01745329}", SILENT),
+    Mistake("odometry yaw rate reversed", "marina", column("odometry", "yaw_rate", np.negative),
+            "yaw rate sign", "odometry", "scale: {wz: -1}", SILENT),
     Mistake("IMU clock 0.5 s late", "marina", late("imu", 0.5),
             "clock offset", "imu", "time_offset_s: -0.", SILENT),
     Mistake("compass clock 0.5 s late", "marina", late("heading", 0.5),

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gtsam_nav.audit.significance import losses, prefers, quantile
+from gtsam_nav.audit.significance import FALSE_ALARM, losses, prefers, quantile
 from gtsam_nav.frames import Array
 from gtsam_nav.series import BoolArray
 
@@ -22,6 +22,8 @@ MOST_LAGS = 100
 FEWEST_WINDOWS, FEWEST_IN_WINDOW = 6, 8
 MOST_WINDOWS = 500
 """Of a long mission some will do."""
+ALIAS_FALSE_ALARM = 0.05
+"""Probability that noise alone tells what is likelier beforehand from what is less so."""
 GAP_STEPS, GAP_SHARE = 10.0, 0.1
 """A silence of more steps, and of a larger share of the window, is not interpolated over."""
 
@@ -83,6 +85,20 @@ class Agreement:
         """Whether the two have anything in common."""
         return abs(self.gain) > quantile(self.n_windows - 1) * self.gain_sigma
 
+    @property
+    def is_no_fault(self) -> bool:
+        """Whether the two agree as they are, in sign and in clock."""
+        noise_s = quantile(self.n_windows - 1) * self.lag_sigma_s
+        return self.gain > 0 and abs(self.lag_s) <= max(noise_s, self.step_s)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """An agreement, and whether it is significantly better than any other of as few faults."""
+
+    agreement: Agreement
+    unrivalled: bool
+
 
 def integrated(t: Array, rate: Array) -> Signal:
     """The integral of a rate by the trapezoidal rule."""
@@ -94,7 +110,9 @@ def agreement(y: Signal, x: Signal) -> Agreement | None:
     """Compare two signals of the same quantity, in whatever units.
 
     The lag is where one explains most of the other, over the windows of the length that tells it
-    best.
+    best. What goes up and down by waves agrees a wave later too, and reversed half a wave later:
+    that a sign or a clock is wrong has to explain significantly more than any other lag does with
+    as few faults.
 
     Parameters
     ----------
@@ -104,37 +122,60 @@ def agreement(y: Signal, x: Signal) -> Agreement | None:
     Returns
     -------
     Agreement or None
-        None where they overlap too little, one of them never changes, or they have nothing in
-        common within `FARTHEST_LAG_S`.
+        None where they overlap too little, one of them never changes, they have nothing in common
+        within `FARTHEST_LAG_S`, or a fault of sign or clock is not told from another.
     """
     if len(y.t) < 2 or len(x.t) < 2:
         return None
     step_s = max(float(np.median(np.diff(s.t))) for s in (y, x))
     n_lags = min(max(int(LONGEST_LAG_S / step_s), 2), MOST_LAGS)
-    far_s = _far_lag(y, x, max(step_s, COARSE_STEP_S), n_lags * step_s)
-    if far_s is None:
+    far = _far_lag(y, x, max(step_s, COARSE_STEP_S), n_lags * step_s)
+    if far is None:
         return None
+    far_s, unrivalled = far
     moved = Signal(x.t - far_s, x.values)
-    told = _fastest(list(_told(_windows(y, moved, step_s, n_lags), step_s)))
-    return None if told is None else replace(told, lag_s=far_s + told.lag_s)
+    windows = _windows(y, moved, step_s, n_lags)
+    told = _fastest(list(_told(windows, step_s, moved_s=far_s)))
+    if told is None:
+        return None
+    found = replace(told.agreement, lag_s=far_s + told.agreement.lag_s)
+    return found if found.is_no_fault or (unrivalled and told.unrivalled) else None
 
 
-def _far_lag(y: Signal, x: Signal, step_s: float, reach_s: float) -> float | None:
-    """The lag in coarse steps: zero if within reach; None where the best beyond is not decided."""
-    n_lags = int(FARTHEST_LAG_S / step_s)
+def _far_lag(y: Signal, x: Signal, step_s: float, reach_s: float) -> tuple[float, bool] | None:
+    """The lag in coarse steps, zero if within reach, and whether it is unrivalled.
+
+    None where the best is beyond reach and not decided.
+    """
+    if _longest_silence_s(x) > _longest_silence_s(y):
+        swapped = _far_lag(x, y, step_s, reach_s)
+        return None if swapped is None else (-swapped[0], swapped[1])
+    overlap_s = min(y.t[-1], x.t[-1]) - max(y.t[0], x.t[0])
+    spared_s = 0.5 * (overlap_s - FEWEST_WINDOWS * WINDOWS_S[0])
+    n_lags = int(max(min(FARTHEST_LAG_S, spared_s), reach_s) / step_s)
     windows = list(_windows(y, x, step_s, n_lags))
-    told = _fastest(list(_told(windows, step_s)))
+    told = _fastest(list(_told(windows, step_s, reach_s)))
     if told is not None:
-        return told.lag_s if abs(told.lag_s) > reach_s else 0.0
+        lag_s = told.agreement.lag_s
+        if abs(lag_s) <= reach_s:
+            return 0.0, told.unrivalled
+        return (lag_s, True) if told.unrivalled else None
     best = [_best_lag(products.sum(axis=0)) - n_lags for products in windows]
-    return None if any(abs(k) * step_s > reach_s for k in best) else 0.0
+    return None if any(abs(k) * step_s > reach_s for k in best) else (0.0, False)
 
 
-def _told(windows: Iterable[Array], step_s: float) -> Iterator[Agreement]:
+def _longest_silence_s(signal: Signal) -> float:
+    return float(np.max(np.diff(signal.t)))
+
+
+def _told(
+    windows: Iterable[Array], step_s: float, reach_s: float | None = None, moved_s: float = 0.0
+) -> Iterator[Verdict]:
     """The significant agreements of the products of windows of each length."""
+    reach = None if reach_s is None else round(reach_s / step_s)
     for products in windows:
-        told = _over_windows(products, step_s)
-        if told is not None and told.significant:
+        told = _over_windows(products, step_s, reach, round(moved_s / step_s))
+        if told is not None and told.agreement.significant:
             yield told
 
 
@@ -144,29 +185,38 @@ def _windows(y: Signal, x: Signal, step_s: float, n_lags: int) -> Iterator[Array
     if len(grid) < FEWEST_WINDOWS * FEWEST_IN_WINDOW:
         return
     means_y, means_x = (_means(s, grid, step_s) for s in (y, x))
-    silence_s = np.maximum(_silence_s(y.t, grid), _silence_s(x.t, grid))
+    silence_y_s, silence_x_s = (_silence_s(s.t, grid) for s in (y, x))
     for window_s in WINDOWS_S:
         length = max(round(window_s / step_s), 2)
-        known = silence_s < max(GAP_STEPS * step_s, GAP_SHARE * window_s)
-        products = np.array(list(_products(means_y, means_x, known, length, n_lags)))
+        bearable_s = max(GAP_STEPS * step_s, GAP_SHARE * window_s)
+        known_y, known_x = silence_y_s < bearable_s, silence_x_s < bearable_s
+        begins = _begins(known_y, known_x, length, n_lags)
+        products = np.array(list(_products(means_y, means_x, begins, length, n_lags)))
         if len(products) >= FEWEST_WINDOWS and length >= FEWEST_IN_WINDOW:
             yield products
 
 
-def _fastest(told: list[Agreement]) -> Agreement | None:
+def _fastest(told: list[Verdict]) -> Verdict | None:
     """The most precise of several, unless one of faster motion contradicts its lag.
 
     A clock is off for all motion alike; a filter, or a drift, delays what is slow.
     """
     if not told:
         return None
-    chosen = min(told, key=lambda a: a.lag_sigma_s)
+    chosen = min(told, key=lambda v: v.agreement.lag_sigma_s)
     for faster in reversed(told[: told.index(chosen)]):
-        sigma_s = float(np.hypot(chosen.lag_sigma_s, faster.lag_sigma_s))
-        dof = min(chosen.n_windows, faster.n_windows) - 1
-        if abs(chosen.lag_s - faster.lag_s) > quantile(dof) * sigma_s:
+        if _contradict(chosen.agreement, faster.agreement):
             chosen = faster
-    return chosen
+    alike = [v for v in told if not _contradict(v.agreement, chosen.agreement)]
+    same_sign = [v for v in alike if v.agreement.gain * chosen.agreement.gain > 0]
+    return replace(chosen, unrivalled=any(v.unrivalled for v in same_sign))
+
+
+def _contradict(a: Agreement, b: Agreement) -> bool:
+    """Whether the lags of two differ by more than noise explains."""
+    sigma_s = float(np.hypot(a.lag_sigma_s, b.lag_sigma_s))
+    dof = min(a.n_windows, b.n_windows) - 1
+    return abs(a.lag_s - b.lag_s) > quantile(dof) * sigma_s
 
 
 def _means(signal: Signal, grid: Array, step_s: float) -> Array:
@@ -182,17 +232,17 @@ def _silence_s(t: Array, grid: Array) -> Array:
     return np.asarray(t[after] - t[after - 1])
 
 
-def _over_windows(products: Array, step_s: float) -> Agreement | None:
-    """The agreement over windows of one length."""
+def _over_windows(products: Array, step_s: float, reach: int | None, moved: int) -> Verdict | None:
+    """The agreement over windows of one length; None where one of the two never changes."""
     n = len(products)
     total = products.sum(axis=0)
-    k = _decided_lag(products)
-    if k is None:
+    if not np.all(total[1:] > 0):
         return None
+    k = _best_lag(total)
     estimates = [_peak(p, k) for p in (total, *(total - products))]
     figures = np.array(estimates) * [1.0, step_s]
     spread = np.sqrt((n - 1) / n * np.sum((figures[1:] - figures[1:].mean(axis=0)) ** 2, axis=0))
-    return Agreement(
+    found = Agreement(
         gain=float(figures[0, 0]),
         gain_sigma=float(spread[0]),
         lag_s=float(figures[0, 1]),
@@ -201,18 +251,29 @@ def _over_windows(products: Array, step_s: float) -> Agreement | None:
         step_s=step_s,
         n_windows=n,
     )
+    return Verdict(found, _is_unrivalled(products, k, reach, moved))
 
 
-def _products(y: Array, x: Array, known: BoolArray, length: int, n_lags: int) -> Iterator[Array]:
+def _begins(known_y: BoolArray, known_x: BoolArray, length: int, n_lags: int) -> list[int]:
+    """Where windows of y begin that hold no silence, nor does x as far as the lags reach."""
+    begins = np.arange(n_lags, len(known_y) - length - n_lags + 1, length)
+    return [
+        int(begin)
+        for begin in begins[:: max(1, -(-len(begins) // MOST_WINDOWS))]
+        if np.all(known_y[begin : begin + length])
+        and np.all(known_x[begin - n_lags : begin + length + n_lags])
+    ]
+
+
+def _products(
+    y: Array, x: Array, begins: Iterable[int], length: int, n_lags: int
+) -> Iterator[Array]:
     """Of each window, at each lag: the sums of x y, x x and y y, shape (3, lags)."""
     one = np.full(length, length**-0.5)
     ramp = np.arange(length) - 0.5 * (length - 1)
     ramp = ramp / np.linalg.norm(ramp)
-    begins = np.arange(n_lags, len(y) - length - n_lags + 1, length)
-    for begin in begins[:: max(1, -(-len(begins) // MOST_WINDOWS))]:
+    for begin in begins:
         reach = slice(begin - n_lags, begin + length + n_lags)
-        if not np.all(known[reach]):
-            continue
         wanted, seen = y[begin : begin + length], x[reach] - np.mean(x[reach])
         wanted = wanted - np.mean(wanted)
         wanted = wanted - (wanted @ ramp) * ramp
@@ -228,30 +289,44 @@ def _best_lag(products: Array) -> int:
     return int(np.argmax(xy**2 / np.where(xx > 0, xx, np.inf)))
 
 
-def _decided_lag(products: Array) -> int | None:
-    """Index of the lag at which the signals agree best; None where waves leave it open.
+def _is_unrivalled(products: Array, best: int, reach: int | None, moved: int) -> bool:
+    """Whether the best lag is significantly better than each other peak of as few faults.
 
-    What goes up and down by waves agrees a wave later too, and reversed half a wave later: a longer
-    lag has to be significantly better than any shorter one.
+    A reversed sign is one fault, and so is a lag. A small lag is likelier beforehand than one
+    beyond ``reach`` (in steps), and a sign alone than a lag that happens to look like it: these are
+    told less strictly, and what is nearer is left to the search at full resolution, which has no
+    reach. ``moved`` is the lag of the middle, in steps.
     """
-    xy, xx, yy = products.sum(axis=0)
-    if not (np.all(xx > 0) and np.all(yy > 0)):
-        return None
+    xy, xx, _ = products.sum(axis=0)
     explained = xy**2 / xx
-    edged = np.concatenate([[-np.inf], explained, [-np.inf]])
-    peaks = np.flatnonzero((edged[1:-1] >= edged[:-2]) & (edged[1:-1] >= edged[2:]))
-    best = _best_lag(products.sum(axis=0))
-    middle = len(xy) // 2
-    nearer = [int(k) for k in peaks if abs(k - middle) < abs(best - middle)]
+    lags = np.abs(np.arange(len(xy)) - len(xy) // 2 + moved)
+    faults = (xy < 0).astype(int) + (lags > 1)
+    # what passes for no fault in coarse steps may yet be a small lag
+    rivals = [k for k in _other_peaks(explained, best) if faults[k] <= max(faults[best], 1)]
+    sign_alone = xy[best] < 0 and faults[best] == 1
+    small = reach is not None and faults[best] < 2 and lags[best] <= reach
+    if small:
+        rivals = [k for k in rivals if lags[k] > reach and not sign_alone]
+    likelier = small or sign_alone
+    questions, false_alarm = (1, ALIAS_FALSE_ALARM) if likelier else (len(rivals), FALSE_ALARM)
 
     def misfit(k: int) -> Array:
         gain = xy[k] / xx[k]
         of_x, of_xx, of_yy = products[:, :, k].T
         return np.asarray(np.sqrt(np.maximum(of_yy - 2 * gain * of_x + gain**2 * of_xx, 0.0)))
 
-    loss = losses(np.array([misfit(k) for k in (best, *nearer)]))
-    decided = all(prefers(row, loss[0], len(peaks)) for row in loss[1:])
-    return best if decided else None
+    loss = losses(np.array([misfit(k) for k in (best, *rivals)]))
+    return all(prefers(row, loss[0], questions, false_alarm) for row in loss[1:])
+
+
+def _other_peaks(explained: Array, best: int) -> list[int]:
+    """Where else it peaks; what is nearer than where half is left belongs to the same peak."""
+    edged = np.concatenate([[-np.inf], explained, [-np.inf]])
+    peaks = np.flatnonzero((edged[1:-1] >= edged[:-2]) & (edged[1:-1] >= edged[2:]))
+    low = np.flatnonzero(explained < 0.5 * explained[best])
+    first = max(low[low < best], default=-1)
+    last = min(low[low > best], default=len(explained))
+    return [int(k) for k in peaks if not first < k < last]
 
 
 def _peak(products: Array, k: int) -> tuple[float, float]:

@@ -10,8 +10,8 @@ FALSE_ALARM = 1e-4
 """Probability, for each question that is put to the data, that noise alone answers it."""
 
 
-def quantile(n_free: int, questions: int = 1) -> float:
-    """Of Student's distribution: what noise exceeds, to either side, in `FALSE_ALARM` of cases.
+def quantile(n_free: int, questions: int = 1, false_alarm: float = FALSE_ALARM) -> float:
+    """Of Student's distribution: what noise exceeds, to either side, in so few of the cases.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ def quantile(n_free: int, questions: int = 1) -> float:
 
     if n_free < 1:
         return np.inf
-    return float(t.isf(0.5 * FALSE_ALARM / questions, n_free))
+    return float(t.isf(0.5 * false_alarm / questions, n_free))
 
 
 def limit(noise: float, n_free: int, stated: float) -> float:
@@ -52,7 +52,9 @@ def losses(errors: Array) -> Array:
     return np.asarray(np.log1p((errors / scale) ** 2))
 
 
-def prefers(stated: Array, other: Array, questions: int = 1) -> bool:
+def prefers(
+    stated: Array, other: Array, questions: int = 1, false_alarm: float = FALSE_ALARM
+) -> bool:
     """Whether another explanation fits better than the stated one.
 
     A paired test of two explanations of which neither contains the other (Vuong 1989): the mean
@@ -67,7 +69,7 @@ def prefers(stated: Array, other: Array, questions: int = 1) -> bool:
     if len(gain) < 2:
         return False
     sigma = float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
-    return bool(np.mean(gain) > quantile(len(gain) - 1, questions) * sigma)
+    return bool(np.mean(gain) > quantile(len(gain) - 1, questions, false_alarm) * sigma)
 
 
 def best(loss: Array) -> int:

@@ -1,4 +1,4 @@
-"""Turns as every sensor saw them: units and signs of gyro and compass.
+"""Turns as every sensor saw them: units and signs of gyro, compass and odometry.
 
 Gyro, compass, odometry and the course of GNSS velocities measure the same turns. Each two are
 compared; what one of them has in another unit or direction than all the others is its fault.
@@ -134,18 +134,18 @@ def wrong_signs(
 def turn_findings(
     turns: dict[str, Turns], pairs: tuple[TurnPair, ...], wrong_sign: tuple[str, ...]
 ) -> Iterator[Finding]:
-    """Judge units and signs of gyros and compasses, and units of odometry."""
+    """Judge units and signs of gyros, compasses and odometry."""
     wrong_unit, radians = _wrong_units(pairs), compasses_in_radians(turns, pairs)
     compass_is_to_blame = bool(radians & wrong_unit)
     for name, turned in turns.items():
         own = [p for p in pairs if name in p.pair]
         unit = name in wrong_unit and not compass_is_to_blame
-        if turned.sensor.type == "imu" and own:
-            yield _gyro(turned.sensor, own, unit, wrong_sign)
-        elif turned.sensor.type == "heading" and own:
-            yield _compass(turned.sensor, own, name in radians, wrong_sign)
-        elif turned.sensor.type == "odometry" and unit:
-            yield _odometry(name, own)
+        if turned.sensor.type == "imu":
+            yield from _gyro(turned.sensor, own, unit, wrong_sign)
+        elif turned.sensor.type == "heading":
+            yield from _compass(turned.sensor, own, name in radians, wrong_sign)
+        elif turned.sensor.type == "odometry":
+            yield from _odometry(name, own, unit, wrong_sign)
 
 
 def compasses_in_radians(turns: dict[str, Turns], pairs: tuple[TurnPair, ...]) -> set[str]:
@@ -173,31 +173,56 @@ def _told_best(name: str, own: list[TurnPair]) -> tuple[Agreement, float, str]:
     return pair.agreement, *((gain, pair.y) if pair.x == name else (1 / gain, pair.x))
 
 
-def _odometry(name: str, own: list[TurnPair]) -> Finding:
-    _, gain, other = _told_best(name, own)
-    read = f"{other} turns {gain:.3g} times what its yaw rate integrates to"
-    if unit_ratio(gain) < 1.0:
-        message, factor = f"{read}: it reads in deg/s, not in rad/s", 1 / DEG
-    else:
-        message, factor = f"{read}: it was turned into rad/s twice", DEG
-    return Finding("gyro unit", name, "warning", message, fixes.scale("wz", factor))
+def _others(name: str, own: list[TurnPair], *, opposed: bool) -> str:
+    """Whom it turns the same way as, or the other way than; empty for nobody."""
+    met = [p for p in own if p.opposed == opposed]
+    return " and ".join(p.x if p.y == name else p.y for p in met)
 
 
-def _gyro(imu: Sensor, own: list[TurnPair], unit: bool, wrong_sign: tuple[str, ...]) -> Finding:
-    seen, gain, other = _told_best(imu.name, own)
+def _or_else(name: str, wrong_sign: tuple[str, ...]) -> str:
+    return "".join(f", or that of {other} is" for other in wrong_sign if other != name)
+
+
+def _odometry(
+    name: str, own: list[TurnPair], unit: bool, wrong_sign: tuple[str, ...]
+) -> Iterator[Finding]:
+    if unit:
+        _, gain, other = _told_best(name, own)
+        read = f"{other} turns {gain:.3g} times what its yaw rate integrates to"
+        if unit_ratio(gain) < 1.0:
+            message, factor = f"{read}: it reads in deg/s, not in rad/s", 1 / DEG
+        else:
+            message, factor = f"{read}: it was turned into rad/s twice", DEG
+        yield Finding("gyro unit", name, "warning", message, fixes.scale("wz", factor))
+    elif name in wrong_sign and (others := _others(name, own, opposed=True)):
+        or_else = _or_else(name, wrong_sign)
+        message = f"turns the other way than {others}: the sign of its yaw rate is wrong{or_else}"
+        yield Finding("yaw rate sign", name, "warning", message, fixes.scale("wz", -1))
+
+
+def _gyro(
+    imu: Sensor, own: list[TurnPair], unit: bool, wrong_sign: tuple[str, ...]
+) -> Iterator[Finding]:
+    is_wrong = unit or imu.name in wrong_sign
+    telling = own if is_wrong else [p for p in own if not p.opposed]
+    if not telling:
+        return
+    seen, gain, other = _told_best(imu.name, telling)
     read = f"{other} turns {gain:.3g} times what the gyro's z integrates to"
     if unit and unit_ratio(gain) < 1.0:
         message = f"{read}: it reads in deg/s, not in rad/s"
-        return Finding("gyro unit", imu.name, "warning", message, "gyro_unit: deg/s")
-    if unit:
+        yield Finding("gyro unit", imu.name, "warning", message, "gyro_unit: deg/s")
+    elif unit:
         message = f"{read}: it was turned into rad/s twice"
         fix = fixes.scale("gx gy gz", DEG)
-        return Finding("gyro unit", imu.name, "warning", message, fix)
-    if imu.name in wrong_sign:
-        or_else = "".join(f", or that of {name}" for name in wrong_sign if name != imu.name)
+        yield Finding("gyro unit", imu.name, "warning", message, fix)
+    elif is_wrong:
+        or_else = _or_else(imu.name, wrong_sign)
         message = f"{read}, in the other direction: the sign of body z is wrong{or_else}"
-        return Finding("gyro sign", imu.name, "warning", message, _sign_fix(imu))
-    return Finding("gyro unit", imu.name, "ok", f"{read}, correlation {abs(seen.correlation):.2f}")
+        yield Finding("gyro sign", imu.name, "warning", message, _sign_fix(imu))
+    else:
+        message = f"{read}, correlation {abs(seen.correlation):.2f}"
+        yield Finding("gyro unit", imu.name, "ok", message)
 
 
 def _sign_fix(imu: Sensor) -> str:
@@ -216,15 +241,18 @@ def in_radians_by(compass: Sensor, own: list[TurnPair]) -> bool:
 
 def _compass(
     compass: Sensor, own: list[TurnPair], radians: bool, wrong_sign: tuple[str, ...]
-) -> Finding:
-    others = " and ".join(p.x if p.y == compass.name else p.y for p in own)
+) -> Iterator[Finding]:
+    name = compass.name
+    alike, opposed = (_others(name, own, opposed=flag) for flag in (False, True))
     if radians:
+        others = " and ".join(filter(None, (alike, opposed)))
         message = f"the headings are in radians, not in degrees: then they turn as {others} do"
         fix = fixes.scale("heading_deg", DEG)
-        return Finding("heading unit", compass.name, "warning", message, fix)
-    if compass.name in wrong_sign:
-        or_else = "".join(f", or that of {name} is" for name in wrong_sign if name != compass.name)
-        message = f"turns the other way than {others}: the sign of the headings is wrong{or_else}"
+        yield Finding("heading unit", name, "warning", message, fix)
+    elif name in wrong_sign and opposed:
+        or_else = _or_else(name, wrong_sign)
+        message = f"turns the other way than {opposed}: the sign of the headings is wrong{or_else}"
         fix = f"{fixes.scale('heading_deg', -1)}, and rpy_deg: [0, 0, -90] if they count from east"
-        return Finding("heading sign", compass.name, "warning", message, fix)
-    return Finding("heading sign", compass.name, "ok", f"turns the same way as {others}")
+        yield Finding("heading sign", name, "warning", message, fix)
+    elif alike and name not in wrong_sign:
+        yield Finding("heading sign", name, "ok", f"turns the same way as {alike}")

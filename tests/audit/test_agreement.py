@@ -88,6 +88,50 @@ def test_a_group_of_waves_is_not_taken_for_the_one_before(seed: int) -> None:
     assert found is None or found.lag_s == pytest.approx(-8.0, abs=0.1)
 
 
+def waves(t: Array, seed: int) -> Array:
+    """A narrow sea, that nearly repeats itself after some tens of seconds."""
+    rng = np.random.default_rng(seed)
+    periods_s, phases = rng.uniform(3.6, 4.6, 4), rng.uniform(0.0, 2 * np.pi, 4)
+    return np.asarray(np.sin(2 * np.pi * t[:, None] / periods_s + phases).sum(axis=1))
+
+
+def heave(seed: int, late_s: float, gain: float, until_s: float) -> tuple[Signal, Signal]:
+    """The sea by a noisy sensor that falls silent at times, and by a fine one."""
+    t = np.arange(0.0, until_s, 0.2)
+    t = t[(t % 60.0 < 50.0) | (t % 60.0 > 54.0)]
+    noisy = gain * waves(t, seed) + np.random.default_rng(seed).normal(0.0, 0.8, len(t))
+    fine_t = np.arange(0.0, until_s, 0.05)
+    return Signal(t + late_s, noisy), Signal(fine_t, waves(fine_t, seed))
+
+
+@pytest.mark.parametrize("late_s", [6.0, -8.0, 12.0, 18.0])
+@pytest.mark.parametrize("seed", range(6))
+def test_waves_never_give_a_wrong_lag_or_sign(late_s: float, seed: int) -> None:
+    found = agreement(*heave(seed, late_s, 1.0, 200.0))
+    if found is not None:
+        assert found.gain > 0
+        assert found.lag_s == pytest.approx(-late_s, abs=0.1)
+
+
+@pytest.mark.parametrize(("late_s", "gain"), [(0.0, 1.0), (0.0, -1.0), (1.0, 1.0)])
+@pytest.mark.parametrize("seed", range(2))
+def test_waves_of_a_long_record_tell_sign_and_clock(late_s: float, gain: float, seed: int) -> None:
+    found = agreement(*heave(seed, late_s, gain, 600.0))
+    assert found is not None
+    assert found.gain == pytest.approx(gain, abs=0.1)
+    assert found.lag_s == pytest.approx(-late_s, abs=0.1)
+
+
+def test_a_clock_far_off_is_found_in_spite_of_silences() -> None:
+    y = seen(5.0, 18.0)
+    there = (y.t % 60.0 < 50.0) | (y.t % 60.0 > 54.0)
+    x, lacking = seen(10.0), Signal(y.t[there], y.values[there])
+    for pair, lag_s in (((lacking, x), -18.0), ((x, lacking), 18.0)):
+        found = agreement(*pair)
+        assert found is not None
+        assert found.lag_s == pytest.approx(lag_s, abs=0.1)
+
+
 def test_a_silence_is_not_compared() -> None:
     y = seen(5.0)
     there = (y.t < 100.0) | (y.t > 150.0)

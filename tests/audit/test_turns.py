@@ -50,23 +50,26 @@ def compass(yaw: Array = YAW) -> Sensor:
     return Sensor("heading", "heading", series)
 
 
-def wheels() -> Sensor:
+def wheels(rate: Array = RATE) -> Sensor:
     sigma = np.full(len(T), 0.02)
     series = OdometrySeries(
         t=T,
         v_b=np.ones((len(T), 2)),
-        yaw_rate=RATE + RNG.normal(0.0, 0.02, len(T)),
+        yaw_rate=rate + RNG.normal(0.0, 0.02, len(T)),
         sigma_v=sigma,
         sigma_yaw_rate=sigma,
     )
     return Sensor("odometry", "odometry", series)
 
 
-def warned(*sensors: Sensor) -> dict[str, Finding]:
+def found_of(*sensors: Sensor) -> list[Finding]:
     turns = turns_of(Mission("turns", {s.name: s for s in sensors}))
     pairs = turn_pairs(turns)
-    found = turn_findings(turns, pairs, wrong_signs(pairs, (), ()))
-    return {f.check: f for f in found if f.severity == "warning"}
+    return list(turn_findings(turns, pairs, wrong_signs(pairs, (), ())))
+
+
+def warned(*sensors: Sensor) -> dict[str, Finding]:
+    return {f.check: f for f in found_of(*sensors) if f.severity == "warning"}
 
 
 def test_sensors_that_agree_are_not_warned_of() -> None:
@@ -105,6 +108,25 @@ def test_odometry_in_degrees_or_converted_twice() -> None:
 def test_a_third_sensor_tells_who_is_reversed() -> None:
     assert list(warned(imu(-RATE), compass(), wheels())) == ["gyro sign"]
     assert list(warned(imu(), compass(-YAW), wheels())) == ["heading sign"]
+
+
+def test_odometry_that_is_reversed() -> None:
+    found = {(f.check, f.sensor): f for f in found_of(imu(), compass(), wheels(-RATE))}
+    reversed_rate = found["yaw rate sign", "odometry"]
+    assert reversed_rate.severity == "warning"
+    assert reversed_rate.message.startswith("turns the other way than imu and heading")
+    assert reversed_rate.fix == "scale: {wz: -1}"
+    assert found["heading sign", "heading"].text == "turns the same way as imu"
+    assert found["gyro unit", "imu"].message.startswith("heading turns 1.01 times")
+    assert [f.severity for f in found.values()].count("warning") == 1
+
+
+def test_whom_a_reversed_sensor_alone_contradicts_is_not_said_to_agree() -> None:
+    turns = turns_of(Mission("turns", {s.name: s for s in (compass(), wheels(-RATE))}))
+    pairs = turn_pairs(turns)
+    by_fixes = wrong_signs(pairs, (), [("gnss", "heading")])
+    (found,) = turn_findings(turns, pairs, by_fixes)
+    assert (found.check, found.sensor) == ("yaw rate sign", "odometry")
 
 
 def test_two_alone_are_both_named() -> None:
