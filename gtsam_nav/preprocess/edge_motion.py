@@ -92,7 +92,7 @@ def _chained(mission: Mission, ends: IntArray, t: Array, start: Alignment) -> tu
     assert edges is not None
     low, high = np.sort(ends, axis=1).T
     pair, row = np.unique(low * n + high, return_index=True)
-    # SciPy before 1.15 searches graphs of 32-bit indices only
+    # SciPy 1.14 searches graphs of 32-bit indices only
     low, high = (pair // n).astype(np.int32), (pair % n).astype(np.int32)
     nearness = csr_array((t[high] - t[low], (low, high)), shape=(n, n))
     order, before = breadth_first_order(minimum_spanning_tree(nearness), 0, directed=False)
