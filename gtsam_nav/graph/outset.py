@@ -42,8 +42,8 @@ ROLLING_INTERVAL_S = 0.25
 BRIDGED_YAW_RAD = np.radians(0.2)
 """So far a compass's disturbance may stray between keyframes that know it: a bin at 30 m."""
 COMPASS_INTERVAL_S = 2.0
-"""Keyframes for the sake of a compass are no closer than this, since each state in a scan is tied to
-all others in it; ..."""
+"""Keyframes for the sake of a compass are no closer than this, since each state in a scan is tied
+to all others in it; ..."""
 MOST_BY_COMPASS = 3600
 """... and no more than these: those of a longer mission are further apart."""
 
