@@ -33,10 +33,8 @@ def information(
     H, M = np.zeros((3, 3)), np.zeros((3, 3))
     c, s = math.cos(q[2]), math.sin(q[2])
     for i in range(len(xy_new)):
-        tx = c * xy_new[i, 0] - s * xy_new[i, 1]
-        ty = s * xy_new[i, 0] + c * xy_new[i, 1]
-        nearest, w, wxx, wxy, wyy, lxx, lxy, lyy = _weighed(
-            xy_ref, cov_ref, cov_new[i], q, tx, ty, radius, cauchy_k
+        nearest, tx, ty, w, wxx, wxy, wyy, lxx, lxy, lyy = _weighed(
+            xy_ref, cov_ref, xy_new[i], cov_new[i], q, c, s, radius, cauchy_k
         )
         if nearest < 0:
             continue
@@ -64,10 +62,8 @@ def pulls(
     by_ref, by_new = np.zeros((3, moved_ref.shape[2])), np.zeros((3, moved_new.shape[2]))
     c, s = math.cos(q[2]), math.sin(q[2])
     for i in range(len(xy_new)):
-        tx = c * xy_new[i, 0] - s * xy_new[i, 1]
-        ty = s * xy_new[i, 0] + c * xy_new[i, 1]
-        nearest, w, wxx, wxy, wyy, lxx, lxy, lyy = _weighed(
-            xy_ref, cov_ref, cov_new[i], q, tx, ty, radius, cauchy_k
+        nearest, tx, ty, w, wxx, wxy, wyy, lxx, lxy, lyy = _weighed(
+            xy_ref, cov_ref, xy_new[i], cov_new[i], q, c, s, radius, cauchy_k
         )
         if nearest < 0:
             continue
@@ -86,23 +82,26 @@ def pulls(
 def _weighed(
     xy_ref: Array,
     cov_ref: Array,
+    point: Array,
     cov_point: Array,
     q: Array,
-    tx: float,
-    ty: float,
+    c: float,
+    s: float,
     radius: float,
     cauchy_k: float,
-) -> tuple[int, float, float, float, float, float, float, float]:
-    """What a point that is turned to (tx, ty) tells: its nearest reference point, or -1; its weight
-    for its misfit; its information (xx, xy, yy); and what a wall's lean lends of it."""
+) -> tuple[int, float, float, float, float, float, float, float, float, float]:
+    """What a point tells at a pose, c and s being cosine and sine of its yaw: the nearest reference
+    point, or -1; itself turned; the weight for its misfit; its information (xx, xy, yy); and what a
+    wall's lean lends of it."""
+    tx = c * point[0] - s * point[1]
+    ty = s * point[0] + c * point[1]
     count, nearest, mx, my, vxx, vxy, vyy = _surroundings(xy_ref, q[0] + tx, q[1] + ty, radius)
     if count == 0:
-        return -1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        return -1, tx, ty, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     if count < 3:
         count, nearest, mx, my, vxx, vxy, vyy = _surroundings(
             xy_ref, q[0] + tx, q[1] + ty, WIDER * radius
         )
-    c, s = math.cos(q[2]), math.sin(q[2])
     a, b, d = cov_point[0, 0], cov_point[0, 1], cov_point[1, 1]
     sxx = c * c * a - 2 * c * s * b + s * s * d + cov_ref[nearest, 0, 0]
     sxy = c * s * (a - d) + (c * c - s * s) * b + cov_ref[nearest, 0, 1]
@@ -125,7 +124,8 @@ def _weighed(
         lent = 0.0
     d2 = wxx * ex * ex + 2 * wxy * ex * ey + wyy * ey * ey
     w = 1.0 / (1.0 + d2 / (cauchy_k * cauchy_k))
-    return nearest, w, wxx, wxy, wyy, lent * ny * ny, -lent * nx * ny, lent * nx * nx
+    lxx, lxy, lyy = lent * ny * ny, -lent * nx * ny, lent * nx * nx
+    return nearest, tx, ty, w, wxx, wxy, wyy, lxx, lxy, lyy
 
 
 @numba.njit(cache=True, error_model="numpy")
