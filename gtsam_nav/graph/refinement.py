@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -27,6 +27,9 @@ from gtsam_nav.series import BoolArray, IntArray
 from gtsam_nav.solution import Progress
 from gtsam_nav.sonar.echoes import Echoes
 from gtsam_nav.sonar.scans import Turns, planar_rotations
+
+if TYPE_CHECKING:
+    from gtsam_nav.graph._echo_kernel import ByX
 
 log = logging.getLogger(__name__)
 
@@ -165,6 +168,8 @@ class JointRefinement:
         values : gtsam.Values
             Start.
         """
+        from gtsam_nav.graph._echo_kernel import sorted_by_x
+
         s = self.settings
         gate, count, settled = s.first_gate_m, 0, False
         posterior: JointPosterior | None = None
@@ -172,13 +177,16 @@ class JointRefinement:
         while not settled and count < s.max_iterations:
             posterior = None  # its fronts make room for the next ones
             origin = self._planar_of(values)
+            placed = self._place(origin)
+            by_x = sorted_by_x(placed.xy, self.scan, self.scan_first)
             if system is None:
                 # the sensors anew after a turn of the whole track: linear, it would stretch it
-                surroundings, keyframes = self._surroundings(origin), self.knots.keyframes
+                surroundings = self._surroundings(origin, placed.xy, by_x)
+                keyframes = self.knots.keyframes
                 touching = surroundings.pairs.touching
                 system = KnotSystem(graph, values, keyframes, self.problem, touching)
                 before = np.zeros((len(keyframes), 3))
-            A, gradient = self._normal_equations(origin, surroundings, gate)
+            A, gradient = self._normal_equations(origin, placed, by_x, surroundings, gate)
             posterior = system.with_sonar(A, gradient, before)
             values = posterior.moved()
             moved = np.max(np.abs(posterior.planar - before)[:, :2], axis=1)
@@ -196,9 +204,9 @@ class JointRefinement:
         assert posterior is not None  # nobody calls this for no iteration
         return Refined(values, posterior, count, settled)
 
-    def _surroundings(self, knots: Array) -> _Surroundings:
-        """What the scans show of each other as they lie at given poses of the knots."""
-        from gtsam_nav.graph._echo_kernel import fixed_points, grid, local_lines, sorted_by_x
+    def _surroundings(self, knots: Array, xy: Array, by_x: ByX) -> _Surroundings:
+        """What the scans show of each other, their echoes lying at (k, 2) by the knots' poses."""
+        from gtsam_nav.graph._echo_kernel import fixed_points, grid, local_lines
 
         s = self.settings
         near = nearby_scans(
@@ -207,8 +215,6 @@ class JointRefinement:
             s.neighbour_radius_m,
             s.max_neighbours,
         )
-        xy = self._place(knots).xy
-        by_x = sorted_by_x(xy, self.scan, self.scan_first)
         normal, is_line = local_lines(by_x, s.line_radius_m, s.line_thickness_m)
         fixes = fixed_points(xy, grid(xy, s.point_radius_m), normal, is_line, s.point_radius_m)
         pairs = ScanPairs(near, self.knots.knot, self.scan_first, len(knots))
@@ -223,16 +229,19 @@ class JointRefinement:
         return np.column_stack([ne, beside])
 
     def _normal_equations(
-        self, knots: Array, surroundings: _Surroundings, gate: float
+        self,
+        knots: Array,
+        placed: PlacedEchoes,
+        by_x: ByX,
+        surroundings: _Surroundings,
+        gate: float,
     ) -> tuple[Any, Array]:
         """Sonar's information on the knots, sparse (3m, 3m), and the gradient (3m,) there."""
         from gtsam_nav.graph._echo_equations import squared_residuals
-        from gtsam_nav.graph._echo_kernel import partners, sorted_by_x
+        from gtsam_nav.graph._echo_kernel import partners
 
-        placed = self._place(knots)
         xy, cov = placed.xy, placed.cov
         pairs, normal, is_line, eligible = surroundings
-        by_x = sorted_by_x(xy, self.scan, self.scan_first)
         i, j, first = partners(pairs.scans, by_x, gate, normal, is_line, eligible)
         i, j, first = self._keep_trusted_points(i, j, first, is_line)
         weight = self._weights(i, squared_residuals(i, j, xy, cov, normal, is_line), is_line)
