@@ -2,9 +2,11 @@
 
 Scans of simulated sonar, deskewed with the true motion, of three places: a *corridor* of two bare
 walls, which do not tell how far along them a vehicle is; a *corner* of two walls; *open water* with
-piles. Pairs of scans are registered by pIC from starts with Gaussian errors. Printed are the mean
-squared error over the covariance per degree of freedom (1 is honest), along the corridor and across
-it too, and what sigma the matches state there.
+piles. Pairs of scans are registered by pIC, with the floors that the simulated sonar's card states,
+from starts with Gaussian errors. Printed are the mean squared error over the covariance per degree
+of freedom that the points tell (1 is honest), along the way and across it too, what sigma the
+matches state there; and for the echoes themselves their error across walls, by the slope at which
+the beam meets the wall, beside what the card states.
 """
 
 from __future__ import annotations
@@ -19,19 +21,26 @@ import numpy as np
 
 from gtsam_nav.config import Config
 from gtsam_nav.frames import Array, wrap_angle
+from gtsam_nav.mission import Sensor
 from gtsam_nav.registration.pic import register
 from gtsam_nav.simulation.motion import Motion, MotionSettings
 from gtsam_nav.simulation.sonar import SonarSimulation, sonar
 from gtsam_nav.simulation.world import Course, Wall, World
 from gtsam_nav.sonar.echoes import segment
 from gtsam_nav.sonar.motion import PlanarMotion
-from gtsam_nav.sonar.scans import Scan, find_turns, form_scans
+from gtsam_nav.sonar.scans import Scan, echoes_in_level_frame, find_turns, form_scans
 
 START_SIGMA = np.array([0.5, 0.5, np.radians(3.0)])
 """Of the errors of the start: x, y, yaw."""
 SONAR = SonarSimulation(clutter_per_beam=0.0, second_echo=0.0)
+BESIDE_M = (-9.0, 11.0)
+"""Where the walls of the corridor stand, to the right of the way."""
+SLOPES = (0.0, 0.5, 1.0, 2.0)
+"""Bounds between classes of echoes: metres along the wall to one across, from the sonar."""
 SCANS_A_RUN, APART = 5, (1, 2)
 """Scans of one run, and how many scans lie between the two of a pair."""
+ECHO_RUNS = 20
+"""Passages of the corridor whose echoes are compared with its walls."""
 AZIMUTH_RAD = np.radians(25.0)
 """Of the way through each place, so that it runs along no axis."""
 
@@ -47,7 +56,7 @@ def _turned(plan: Array) -> Array:
 
 
 PLACES: dict[str, tuple[tuple[Wall, ...], Array]] = {
-    "corridor": ((_wall((-150, -9), (150, -9)), _wall((-150, 11), (150, 11))), np.zeros((0, 2))),
+    "corridor": (tuple(_wall((-150, y), (150, y)) for y in BESIDE_M), np.zeros((0, 2))),
     "corner": ((_wall((-40, 12), (25, 12), (25, -40)),), np.zeros((0, 2))),
     "open water": (
         (),
@@ -87,8 +96,8 @@ class MatchConsistency:
     rms_across_m: float
 
 
-def pairs_of(place: str, seed: int, config: Config) -> Iterator[ScanPair]:
-    """Pairs of the scans that a vehicle takes on a straight way through a place."""
+def passage(place: str, seed: int) -> tuple[Sensor, PlanarMotion]:
+    """The sonar and the true motion of a vehicle on a straight way through a place."""
     walls, piles = PLACES[place]
     way = _turned(np.column_stack([np.linspace(-12.0, 12.0, 8), np.zeros(8)]))
     world = World(place, None, Course(way, closed=False), walls=walls, piles_n=piles, flat=True)
@@ -98,10 +107,16 @@ def pairs_of(place: str, seed: int, config: Config) -> Iterator[ScanPair]:
     duration_s = (SCANS_A_RUN + 0.5) * turn_s
     sensor = sonar(motion, world, duration_s, SONAR, rng)
     truth = motion.at(np.arange(0.0, duration_s + 0.05, 0.05))
-    planar = PlanarMotion(truth.t, truth.p_n[:, :2], np.unwrap(truth.rpy[:, 2]), 0.0, 0.0)
+    yaw = np.unwrap(truth.rpy[:, 2])
+    return sensor, PlanarMotion(truth.t, truth.p_n[:, :2], yaw, 0.0, 0.0)
+
+
+def pairs_of(place: str, seed: int, config: Config) -> Iterator[ScanPair]:
+    """Pairs of the scans that a vehicle takes on its way through a place."""
+    sensor, motion = passage(place, seed)
     turns = find_turns(sensor, config.sonar.scans.max_gap_s)
-    scans = form_scans(segment(sensor, config.sonar.segmentation), turns, planar)
-    ne, yaw = planar.at(turns.t_ref)
+    scans = form_scans(segment(sensor, config.sonar.segmentation), turns, motion)
+    ne, yaw = motion.at(turns.t_ref)
     for apart in APART:
         for a in range(len(scans) - apart):
             b = a + apart
@@ -113,7 +128,7 @@ def pairs_of(place: str, seed: int, config: Config) -> Iterator[ScanPair]:
 def measure(place: str, wanted: int, config: Config) -> MatchConsistency:
     """Register pairs of a place from perturbed starts."""
     rng = np.random.default_rng(1)
-    errors, covs, failed, seed = [], [], 0, 0
+    errors, covs, told, failed, seed = [], [], 0, 0, 0
     while len(errors) + failed < wanted:
         for pair in pairs_of(place, seed, config):
             start = pair.q_true + rng.normal(size=3) * START_SIGMA
@@ -128,11 +143,14 @@ def measure(place: str, wanted: int, config: Config) -> MatchConsistency:
             to_way = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
             errors.append(to_way @ error)
             covs.append(to_way @ match.cov @ to_way.T)
+            told += 3 - len(match.unobserved)
         seed += 1
-    return _consistency(place, failed, np.array(errors), np.array(covs))
+    return _consistency(place, failed, np.array(errors), np.array(covs), told)
 
 
-def _consistency(place: str, failed: int, errors: Array, covs: Array) -> MatchConsistency:
+def _consistency(
+    place: str, failed: int, errors: Array, covs: Array, told: int
+) -> MatchConsistency:
     from scipy.special import gammaincinv
 
     if not len(errors):
@@ -144,7 +162,7 @@ def _consistency(place: str, failed: int, errors: Array, covs: Array) -> MatchCo
         place=place,
         pairs=len(errors) + failed,
         failed=failed,
-        nees_per_dof=float(np.mean(nees)) / 3.0,
+        nees_per_dof=float(np.sum(nees)) / told,
         nees_along=along,
         nees_across=across,
         nees_yaw=yaw,
@@ -155,20 +173,73 @@ def _consistency(place: str, failed: int, errors: Array, covs: Array) -> MatchCo
     )
 
 
+@dataclass(frozen=True)
+class EchoConsistency:
+    """How far echoes lie off walls whose slopes to the beam begin at ``slope``."""
+
+    slope: float
+    echoes: int
+    mean_m: float
+    rms_m: float
+    sigma_m: float
+    nees: float
+
+
+def echo_errors(runs: int, config: Config) -> list[EchoConsistency]:
+    """Echoes of the corridor against its walls; the mean is positive beyond them."""
+    errors = []
+    for seed in range(runs):
+        sensor, motion = passage("corridor", seed)
+        echoes = segment(sensor, config.sonar.segmentation)
+        ne, cov = echoes_in_level_frame(echoes, motion)
+        along, across = _turned(np.eye(2))
+        head = motion.at(echoes.t)[0]
+        right = ne @ across
+        wall = np.where(right < 0, *BESIDE_M)
+        slope = np.abs((ne - head) @ along / (wall - head @ across))
+        sigma = np.sqrt(np.einsum("i,kij,j->k", across, cov, across))
+        errors.append(np.column_stack([slope, np.sign(wall) * (right - wall), sigma]))
+    slope, off, sigma = np.vstack(errors).T
+    found = []
+    for k, least in enumerate(SLOPES):
+        these = np.digitize(slope, SLOPES) == k + 1
+        found.append(
+            EchoConsistency(
+                slope=least,
+                echoes=int(these.sum()),
+                mean_m=float(np.mean(off[these])),
+                rms_m=float(np.sqrt(np.mean(off[these] ** 2))),
+                sigma_m=float(np.mean(sigma[these])),
+                nees=float(np.mean((off[these] / sigma[these]) ** 2)),
+            )
+        )
+    return found
+
+
+def as_the_card_states() -> Config:
+    """Settings with the floors of the simulated sonar's card."""
+    pic = Config().pic.model_copy(
+        update={"floor_xy_m": SONAR.match_floor_m, "floor_yaw_deg": SONAR.match_floor_deg}
+    )
+    return Config().model_copy(update={"pic": pic})
+
+
 def main() -> None:
-    """Print a line a place; write them where asked."""
+    """Print a line a place and a line a slope; write them where asked."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.registration", description=__doc__)
     parser.add_argument("--pairs", type=int, default=1000, help="pairs a place")
     parser.add_argument("--json", type=Path, help="file for the figures")
     arguments = parser.parse_args()
-    found = [measure(place, arguments.pairs, Config()) for place in PLACES]
-    columns = [name for name in asdict(found[0]) if name != "place"]
-    print(f"{'place':<12}" + "".join(f"{name:>16}" for name in columns))
-    for row in found:
-        values = (asdict(row)[name] for name in columns)
-        print(f"{row.place:<12}" + "".join(f"{value:>16.3g}" for value in values))
+    config = as_the_card_states()
+    places = [asdict(measure(place, arguments.pairs, config)) for place in PLACES]
+    slopes = [asdict(row) for row in echo_errors(ECHO_RUNS, config)]
+    for rows in (places, slopes):
+        print("".join(f"{name:>16}" for name in rows[0]))
+        for row in rows:
+            values = (v if isinstance(v, str) else f"{v:.3g}" for v in row.values())
+            print("".join(f"{value:>16}" for value in values))
     if arguments.json:
-        text = json.dumps([asdict(row) for row in found], indent=2) + "\n"
+        text = json.dumps({"matches": places, "echoes": slopes}, indent=2) + "\n"
         arguments.json.write_text(text, encoding="utf-8")
 
 
