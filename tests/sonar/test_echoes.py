@@ -72,14 +72,17 @@ def readable_peaks(
 
 @pytest.mark.parametrize("seed", range(8))
 @pytest.mark.parametrize("separation", [1, 7, 20])
-def test_compiled_peaks_equal_readable_ones(seed: int, separation: int) -> None:
+@pytest.mark.parametrize(("first", "last"), [(5, 110), (0, 120)])
+def test_compiled_peaks_equal_readable_ones(
+    seed: int, separation: int, first: int, last: int
+) -> None:
     rng = np.random.default_rng(seed)
     intensity = rng.integers(0, 256, size=(20, 120), dtype=np.uint8)
     threshold = rng.uniform(60, 160, size=120)
-    beam, centre, strength = strongest_peaks(intensity, threshold, 5, 110, separation, 3)
+    beam, centre, strength = strongest_peaks(intensity, threshold, first, last, separation, 3)
     assert len(beam) > 20
     for i, profile in enumerate(intensity):
-        wanted = readable_peaks(profile, threshold, 5, 110, separation, 3)
+        wanted = readable_peaks(profile, threshold, first, last, separation, 3)
         got = list(zip(centre[beam == i], strength[beam == i], strict=True))
         assert len(got) == len(wanted)
         np.testing.assert_allclose(got, wanted, atol=1e-9)
