@@ -29,8 +29,10 @@ def turn_first(matrices: Array) -> Array:
 
 
 def definite(matrices: Array) -> BoolArray:
-    """Which symmetric matrices, shape (n, k, k), are finite and positive definite."""
+    """Which symmetric matrices, shape (n, k, k), are finite and positive definite beyond rounding:
+    such have inverses."""
     finite = np.all(np.isfinite(matrices), axis=(1, 2))
     size = matrices.shape[1]
-    smallest = np.linalg.eigvalsh(np.where(finite[:, None, None], matrices, -np.eye(size)))[:, 0]
-    return np.asarray(smallest > 0)
+    variances = np.linalg.eigvalsh(np.where(finite[:, None, None], matrices, -np.eye(size)))
+    rounding = size * np.finfo(float).eps * np.abs(variances[:, -1])
+    return np.asarray(variances[:, 0] > rounding)

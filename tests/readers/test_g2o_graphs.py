@@ -151,6 +151,7 @@ def test_landmarks_are_polar_and_clockwise(tmp_path: Path) -> None:
     [
         ("EDGE_SE2 0 1 x 0 0 1 0 0 1 0 1", r"park.g2o:2: EDGE_SE2: 'x' is not a number"),
         ("EDGE_SE2 0 1 1 0 0 1 0 0 -1 0 1", "not positive definite"),
+        ("EDGE_SE2 0 1 1 0 0 1e30 0 0 1 0 1", "not positive definite"),
         ("EDGE_SE2 0.5 1 1 0 0 1 0 0 1 0 1", "whole numbers"),
         ("EDGE_SE2 0 1 1 0 0 1 0", "7 numbers behind EDGE_SE2, where 11 are needed"),
     ],

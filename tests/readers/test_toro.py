@@ -117,6 +117,7 @@ def test_neighbours_without_an_edge_are_counted(tmp_path: Path) -> None:
         ("EDGE2 4 5 1 0 0 1 1 1 1 1 1", "park.txt:3: its noise, [1.0, 1.0, 1.0, 1.0, 1.0, 1.0]"),
         ("EDGE2 4 5 1 0 0 1 1 1 1 0 0", "park.txt:3: its noise is not positive definite"),
         ("EDGE2 1 2 1 0 0 1 5 0 1 0 1", "park.txt:3: its noise is not positive definite"),
+        ("EDGE2 1 2 1 0 0 1e30 0 1 1 0 0", "park.txt:3: its noise is not positive definite"),
     ],
 )
 def test_a_malformed_line_is_named(tmp_path: Path, line: str, message: str) -> None:
