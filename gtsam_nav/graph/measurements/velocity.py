@@ -8,7 +8,7 @@ from gtsam_nav.config import Config
 from gtsam_nav.frames import Array
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import X
-from gtsam_nav.graph.measurements.edges import joined
+from gtsam_nav.graph.measurements.edges import joined, left_open
 from gtsam_nav.graph.problem import ConstantError, Displacement, Problem
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.edge_motion import moves_by_edges
@@ -31,9 +31,9 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
     problem.calibration_sigma = velocity_calibration_sigma(mission)
     within_s, current_sigma = _through_water(problem, mission, config)
     moved_m = current_sigma * np.sum(within_s, axis=0)
-    stated = joined(problem.t, mission)
+    by_edges = joined(problem.t, mission) | left_open(problem.t, mission)
     turns = not problem.uses_imu and not problem.has_compass
-    _add_increments(problem, config, turns, moved_m, stated)
+    _add_increments(problem, config, turns, moved_m, by_edges)
     _add_currents(problem, within_s, current_sigma)
     if not problem.uses_imu:
         _add_velocities(problem, config)
@@ -72,15 +72,15 @@ def _add_currents(problem: Problem, within_s: Array, sigma: float) -> None:
 
 
 def _add_increments(
-    problem: Problem, config: Config, yaw_by_motion: bool, moved_m: Array, stated: BoolArray
+    problem: Problem, config: Config, yaw_by_motion: bool, moved_m: Array, by_edges: BoolArray
 ) -> None:
-    """Displacements, but where an edge states them, shape (n - 1,).
+    """Displacements, but where edges alone tell them, shape (n - 1,).
 
     Changes of the water's motion may move each by ``moved_m``, shape (n - 1,).
     """
     motion = problem.motion
     variance = motion.displacement_variance(problem.t[:-1], problem.t[1:])
-    for k in (1 + np.flatnonzero(~stated)).tolist():
+    for k in (1 + np.flatnonzero(~by_edges)).tolist():
         dt = problem.t[k] - problem.t[k - 1]
         R_ab, p_a = problem.increment(k - 1, k)
         sigma_p = float(np.hypot(np.sqrt(variance[k - 1]), moved_m[k - 1]))
