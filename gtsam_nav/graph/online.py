@@ -145,8 +145,9 @@ def _most_updates(problem: Problem, sonar: SonarData | None) -> int:
 
 def _is_tied(problem: Problem, k: int) -> bool:
     """Whether anything ties a keyframe to an earlier one."""
-    keys = (key for entry in problem.factors[k] for key in entry.gaussian.keys())
-    return problem.steps[k] is not None or any(X(0) <= key < X(k) for key in keys)
+    tied = [entry.gaussian.keys() for entry in problem.factors[k]]
+    earlier = any(X(0) <= key < X(k) for keys in tied for key in keys)
+    return problem.steps[k] is not None or earlier
 
 
 def _nearer_start(problem: Problem, values: Any) -> Any:
