@@ -70,7 +70,7 @@ def inertial_bridge(t: Array, span_s: float, force_n: Array, gyro2: float, accel
 
 
 def joint_of_neighbours(before: Array, after: Array, link: Array) -> Array:
-    """Joint covariance (18, 18) of two states by their own, and what ties them to each other.
+    """Joint covariance (..., 18, 18) of two states by their own, and what ties them to each other.
 
     Where nothing else does, the link is the block between them of the inverse: with C their cross
     covariance, ``P0^-1 C = link (P1 - C' P0^-1 C)``. In units of their roots that is
@@ -78,21 +78,22 @@ def joint_of_neighbours(before: Array, after: Array, link: Array) -> Array:
 
     Parameters
     ----------
-    before, after : ndarray, shape (9, 9)
-    link : ndarray, shape (9, 9)
+    before, after : ndarray, shape (..., 9, 9)
+    link : ndarray, shape (..., 9, 9)
         Information, ``Phi' Q^-1`` of a transition with its noise.
     """
     root_before, root_after = _root(before), _root(after)
     U, s, V = np.linalg.svd(root_before @ link @ root_after)
     shared = 2 * s / (1 + np.sqrt(1 + 4 * s**2))
-    cross = root_before @ (U * shared) @ V @ root_after
-    return np.block([[before, cross], [cross.T, after]])
+    cross = root_before @ (U * shared[..., None, :]) @ V @ root_after
+    return np.block([[before, cross], [np.swapaxes(cross, -1, -2), after]])
 
 
 def _root(P: Array) -> Array:
     """Symmetric square root."""
     variances, axes = np.linalg.eigh(P)
-    return np.asarray((axes * np.sqrt(np.maximum(variances, 0.0))) @ axes.T)
+    roots = np.sqrt(np.maximum(variances, 0.0))
+    return np.asarray((axes * roots[..., None, :]) @ np.swapaxes(axes, -1, -2))
 
 
 def _transition(t: Array, K: Array) -> Array:
