@@ -10,7 +10,7 @@ import numpy as np
 
 from gtsam_nav.config import Config
 from gtsam_nav.frames import Array, rotation_from_rpy, wrap_angle
-from gtsam_nav.graph import factors
+from gtsam_nav.graph import factors, frame_factors
 from gtsam_nav.graph.factors import M, X
 from gtsam_nav.graph.gauss_markov import gauss_markov
 from gtsam_nav.graph.problem import Problem
@@ -47,7 +47,9 @@ def _add_compass(problem: Problem, mission: Mission) -> None:
         return
     constant = M(len(problem.t))
     problem.add_variable(0, constant, gtsam.NavState())
-    problem.add(0, "heading", factors.compass_prior(constant, np.radians(noise.bias_sigma_deg)))
+    problem.add(
+        0, "heading", frame_factors.compass_prior(constant, np.radians(noise.bias_sigma_deg))
+    )
     problem.compass = [constant] * len(problem.t)
     if noise.disturbance_sigma_deg == 0:
         return
@@ -56,10 +58,10 @@ def _add_compass(problem: Problem, mission: Mission) -> None:
     problem.compass = [M(k) for k in range(len(problem.t))]
     for k in range(len(problem.t)):
         problem.variables[k].append((M(k), _frame_before(k)))
-        problem.add(k, "heading", factors.compass_pin(M(k)))
-        problem.add(k, "heading", factors.compass_link(constant, M(k), disturbance.tie[k]))
+        problem.add(k, "heading", frame_factors.compass_pin(M(k)))
+        problem.add(k, "heading", frame_factors.compass_link(constant, M(k), disturbance.tie[k]))
         if k:
-            link = factors.compass_link(M(k - 1), M(k), disturbance.link[k - 1])
+            link = frame_factors.compass_link(M(k - 1), M(k), disturbance.link[k - 1])
             problem.add(k, "heading", link)
 
 
@@ -112,9 +114,9 @@ def add_unmeasured_turn(problem: Problem, k: int) -> None:
     """Ties the yaw of a keyframe without a reading loosely to its neighbours'."""
     for a, b in ((k - 1, k), (k, k + 1)):
         if a >= 0 and b < len(problem.t):
-            R_ab, _ = problem.increment(a, b)
+            R_ab, _ = problem.increments
             precision = 1.0 / (UNMEASURED_TURN_RAD2_S * (problem.t[b] - problem.t[a]))
-            problem.add(b, "heading", factors.turn(X(a), X(b), R_ab, precision))
+            problem.add(b, "heading", factors.turn(X(a), X(b), R_ab[a], precision))
 
 
 def _averaged_headings(problem: Problem, mission: Mission) -> tuple[Array, Array, IntArray]:

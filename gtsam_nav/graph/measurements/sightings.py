@@ -125,7 +125,8 @@ class SightingFactors:
             "sigma": np.where(np.isnan(polar), 1.0, sigma),
             "R_bs": np.array([own.sensor.R_bs for own in self.seen]),
             "xyz_b": np.array([own.sensor.xyz_b for own in self.seen]),
-            "level": np.array([own.level for own in self.seen], dtype=float),
+            "level": np.array([own.level for own in self.seen], dtype=float)[:, None],
+            "absent": np.isnan(polar),
         }
 
     def _expected(self, index: Any, R_nb: Array, apart_n: Array, scale: float) -> _Expected:
@@ -133,23 +134,23 @@ class SightingFactors:
         R_bs, xyz_b, polar, level = (
             self._arrays[name][index] for name in ("R_bs", "xyz_b", "polar", "level")
         )
-        down_b = R_nb[:, 2]
-        offset_b = np.einsum("nji,nj->ni", R_nb, apart_n)
+        absent, down_b = self._arrays["absent"][index], R_nb[:, 2]
+        offset_b = (apart_n[:, None] @ R_nb)[:, 0]
         counted_b = offset_b - xyz_b
-        deep = level * np.einsum("ni,ni->n", down_b, counted_b)
-        counted_b -= deep[:, None] * down_b
-        values, by_point = _polar(np.einsum("nji,nj->ni", R_bs, counted_b))
+        deep = level * (counted_b[:, None] @ down_b[:, :, None])[:, 0]
+        counted_b -= deep * down_b
+        values, by_point = _polar((counted_b[:, None] @ R_bs)[:, 0])
         by_scale = np.zeros_like(values)
         by_scale[:, 0] = values[:, 0]
         values[:, 0] *= 1.0 + scale
         by_point[:, 0] *= 1.0 + scale
         residual = values - polar
         residual[:, 1:] = (residual[:, 1:] + np.pi) % (2 * np.pi) - np.pi
-        by_point[np.isnan(polar)] = by_scale[np.isnan(polar)] = 0.0
-        residual[~np.any(by_point, axis=2)] = 0.0
-        by_point = by_point @ np.swapaxes(R_bs, 1, 2)
-        along_down = np.einsum("nmi,ni->nm", by_point, down_b) * level[:, None]
-        by_offset = by_point - along_down[:, :, None] * down_b[:, None]
+        by_point[absent] = by_scale[absent] = 0.0
+        residual[~by_point.any(axis=2)] = 0.0
+        by_point = by_point @ R_bs.transpose(0, 2, 1)
+        along_down = by_point @ down_b[:, :, None] * level[:, None]
+        by_offset = by_point - along_down * down_b[:, None]
         return _Expected(offset_b, counted_b, residual, by_scale, by_offset, by_point)
 
     def _leaning(
@@ -177,12 +178,13 @@ def _polar(p_s: Array) -> tuple[Array, Array]:
     x, y, z = p_s.T
     level = np.hypot(x, y)
     distance = np.hypot(level, z)
-    values = np.stack([distance, np.arctan2(y, x), np.arctan2(-z, level)], axis=1)
+    values, jacobian = np.empty_like(p_s), np.zeros((len(p_s), 3, 3))
+    values[:, 0], values[:, 1], values[:, 2] = distance, np.arctan2(y, x), np.arctan2(-z, level)
     far = np.where(distance > NO_DIRECTION_M, distance, np.inf)
     aside = np.where(level > NO_DIRECTION_M, level, np.inf)
-    jacobian = np.zeros((len(p_s), 3, 3))
+    far2, aside2, over = far**2, aside**2, aside * far**2
     jacobian[:, 0] = p_s / far[:, None]
-    jacobian[:, 1, 0], jacobian[:, 1, 1] = -y / aside**2, x / aside**2
-    jacobian[:, 2, 0], jacobian[:, 2, 1] = x * z / (aside * far**2), y * z / (aside * far**2)
-    jacobian[:, 2, 2] = -np.where(np.isfinite(aside), level, 0.0) / far**2
+    jacobian[:, 1, 0], jacobian[:, 1, 1] = -y / aside2, x / aside2
+    jacobian[:, 2, 0], jacobian[:, 2, 1] = x * z / over, y * z / over
+    jacobian[:, 2, 2] = -np.where(level > NO_DIRECTION_M, level, 0.0) / far2
     return values, jacobian

@@ -80,16 +80,15 @@ def _add_increments(
     """
     motion = problem.motion
     variance = motion.displacement_variance(problem.t[:-1], problem.t[1:])
-    for k in (1 + np.flatnonzero(~by_edges)).tolist():
-        dt = problem.t[k] - problem.t[k - 1]
-        R_ab, p_a = problem.increment(k - 1, k)
-        sigma_p = float(np.hypot(np.sqrt(variance[k - 1]), moved_m[k - 1]))
-        rotation = np.zeros(3)
-        if yaw_by_motion:
-            rotation[2] = 1.0 / (motion.yaw_variance_rad2_s * dt)
-        factor = factors.increment(X(k - 1), X(k), R_ab, p_a, rotation, sigma_p)
-        entry = problem.add(k, "velocity", factor, config.graph.robust.velocity)
-        problem.displacements.append(Displacement(k, R_ab, p_a, entry))
+    precisions = np.zeros((len(variance), 9))
+    precisions[:, 3:6] = (1.0 / (variance + moved_m**2))[:, None]
+    if yaw_by_motion:
+        precisions[:, 2] = 1.0 / (motion.yaw_variance_rad2_s * np.diff(problem.t))
+    R_ab, p_a = problem.increments
+    for i in np.flatnonzero(~by_edges).tolist():
+        factor = factors.increment(X(i), X(i + 1), R_ab[i], p_a[i], precisions[i])
+        entry = problem.add(i + 1, "velocity", factor, config.graph.robust.velocity)
+        problem.displacements.append(Displacement(i + 1, R_ab[i], p_a[i], entry))
 
 
 def _add_velocities(problem: Problem, config: Config) -> None:
