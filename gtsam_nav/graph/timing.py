@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any, Literal
 
 import numpy as np
@@ -121,12 +122,18 @@ def timing_effect(
         Where the graph is linearised.
     """
     course = _Course.of(problem, values)
+
+    @cache
+    def shares_of(sensor: str, reason: str) -> Array:
+        return np.array([error.shares(problem, sensor, reason) for error in errors]).T
+
     effect = []
     for sensor, reason, t, factor in _measurements(problem, used):
-        shares = np.array([error.shares(problem, sensor, reason) for error in errors]).T
-        moves = np.any(shares)
-        slopes = course.slopes(factor, t, values) if moves else np.zeros((factor.dim(), 2))
-        effect.append(slopes @ shares)
+        shares = shares_of(sensor, reason)
+        if shares.any():
+            effect.append(course.slopes(factor, t, values) @ shares)
+        else:
+            effect.append(np.zeros((factor.dim(), len(errors))))
     return TimingEffect(
         names=tuple(error.name for error in errors),
         sigma_s=np.array([error.sigma_s for error in errors]),

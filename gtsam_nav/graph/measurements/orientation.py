@@ -34,8 +34,9 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
         add_one = _add_orientations if measures_tilt else _add_headings
         add_one(problem, mission, config)
     elif measures_tilt and not problem.planar:
+        tilt, sigma = tilt_at(mission, problem.t)
         for k in range(len(problem.t)):
-            _add_tilt(problem, mission, k, config)
+            _add_tilt(problem, mission, k, tilt[k], float(sigma[k]), config)
 
 
 def _add_compass(problem: Problem, mission: Mission) -> None:
@@ -81,7 +82,7 @@ def _add_orientations(problem: Problem, mission: Mission, config: Config) -> Non
             factor = factors.orientation(problem.compass_at(k), X(k), R_measured[k], sigmas)
             problem.add_gated(k, "heading", int(row[k]), factor, config.graph.robust.heading)
         else:
-            _add_tilt(problem, mission, k, config)
+            _add_tilt(problem, mission, k, tilt[k], float(sigma_tilt[k]), config)
             add_unmeasured_turn(problem, k)
 
 
@@ -143,11 +144,11 @@ def _averaged_headings(problem: Problem, mission: Mission) -> tuple[Array, Array
     return heading, np.where(count > 0, sigma, np.inf), headings.row[first]
 
 
-def _add_tilt(problem: Problem, mission: Mission, k: int, config: Config) -> None:
+def _add_tilt(
+    problem: Problem, mission: Mission, k: int, tilt: Array, sigma: float, config: Config
+) -> None:
     """Roll and pitch of a keyframe without a heading."""
-    tilt, sigma = tilt_at(mission, problem.t[k : k + 1])
-    rpy = np.array([*tilt[0], 0.0])
-    factor = factors.tilt(X(k), rpy, float(sigma[0]))
+    factor = factors.tilt(X(k), np.array([*tilt, 0.0]), sigma)
     sensor, robustness = mission.first("attitude"), config.graph.robust.attitude
     if sensor is None:
         problem.add(k, "attitude", factor, robustness)
