@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from gtsam_nav.frames import Array
+from gtsam_nav.graph.factors import parts
 from gtsam_nav.graph.preintegration import InertialStep
 from gtsam_nav.series import BoolArray, IntArray
 
@@ -177,9 +178,7 @@ def _placed(
     where it is in the navigation frame, which turns with the Earth."""
     from scipy.spatial.transform import Rotation
 
-    R_n0 = np.array([state.attitude().matrix() for state in before])[of]
-    v_n0 = np.array([state.velocity() for state in before])[of]
-    p_n0 = np.array([state.position() for state in before])[of]
+    R_n0, p_n0, v_n0 = (part[of] for part in parts(before))
     gravity_n = np.array([step.parameters.n_gravity for step in steps])[of]
     rates = [step.parameters.getOmegaCoriolis() for step in steps]
     earth_n = np.array([np.zeros(3) if rate is None else rate for rate in rates])[of]

@@ -8,7 +8,7 @@ copy of all values at each evaluation, which makes the solve quadratic in the mi
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import cache, lru_cache
 from typing import Any
 
@@ -81,6 +81,13 @@ def robust(factor: Any, robustness: Robustness) -> Any:
 def nav_state(R_nb: Array, p_n: Array, v_n: Array) -> Any:
     """A GTSAM NavState."""
     return gtsam.NavState(gtsam.Rot3(R_nb), p_n, v_n)
+
+
+def parts(states: Iterable[Any]) -> tuple[Array, Array, Array]:
+    """Attitudes (n, 3, 3), positions and velocities (n, 3) of NavStates: three cost as much as one
+    where each is asked alone."""
+    whole = np.array([state.matrix() for state in states]).reshape(-1, 5, 5)
+    return whole[:, :3, :3], whole[:, :3, 3], whole[:, :3, 4]
 
 
 def moved(before: Any, R_ab: Array, p_a: Array, v_b: Array) -> Any:

@@ -16,7 +16,7 @@ from typing import Any, Literal
 import numpy as np
 
 from gtsam_nav.frames import Array
-from gtsam_nav.graph.factors import X
+from gtsam_nav.graph.factors import X, parts
 from gtsam_nav.graph.measurements import constraints
 from gtsam_nav.graph.measurements.gnss import VELOCITY_OUTLIER
 from gtsam_nav.graph.problem import Problem, TimingEffect
@@ -166,9 +166,7 @@ class _Course:
         from scipy.spatial.transform import Rotation
 
         t = problem.t
-        states = [values.atNavState(X(k)) for k in range(len(t))]
-        R_nb = np.array([state.attitude().matrix() for state in states])
-        v_n = np.array([state.velocity() for state in states])
+        R_nb, _, v_n = parts(values.atNavState(X(k)) for k in range(len(t)))
         a, b = (
             np.clip(np.arange(len(t)) - 1, 0, None),
             np.clip(np.arange(len(t)) + 1, None, len(t) - 1),

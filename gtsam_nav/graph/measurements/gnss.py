@@ -92,7 +92,7 @@ def _with_errors(
     """Fixes of the antenna, less its arm as the body lies at present, with their shared errors."""
 
     def make(rows: Sequence[int], state_at: StateAt) -> list[Any]:
-        R_nb = np.array([state_at(keys[i]).attitude().matrix() for i in rows])
+        R_nb, _, _ = factors.parts(state_at(keys[i]) for i in rows)
         body_n = p_n[rows] - np.einsum("kij,kj->ki", R_nb, arm_b[rows])
         return [
             factors.gnss_with_error(errors[i], keys[i], own_n, noises[i])

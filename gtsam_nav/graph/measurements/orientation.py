@@ -92,7 +92,7 @@ def _add_headings(problem: Problem, mission: Mission, config: Config) -> None:
     measured = list(zip(yaw.tolist(), sigma.tolist(), strict=True))
 
     def make(rows: Sequence[int], state_at: StateAt) -> list[Any]:
-        R_nb = [state_at(X(k)).attitude().matrix() for k in rows]
+        R_nb, _, _ = factors.parts(state_at(X(k)) for k in rows)
         return [
             factors.heading(problem.compass_at(k), X(k), measured[k][0], R, measured[k][1])
             for k, R in zip(rows, R_nb, strict=True)

@@ -14,7 +14,7 @@ import numpy as np
 
 from gtsam_nav.frames import Array, skew
 from gtsam_nav.graph import sighting_factors
-from gtsam_nav.graph.factors import X
+from gtsam_nav.graph.factors import X, parts
 from gtsam_nav.graph.readings import StateAt
 from gtsam_nav.graph.sighting_factors import SightingSlopes
 from gtsam_nav.mission import Sensor
@@ -89,13 +89,9 @@ class SightingFactors:
         bodies = [state_at(X(own.k)) for own in some]
         landmarks = [state_at(own.key) for own in some]
         scale = self._scale(state_at)
-        R_nb = np.array([body.attitude().matrix() for body in bodies])
-        apart = [
-            landmark.position() - body.position()
-            for body, landmark in zip(bodies, landmarks, strict=True)
-        ]
+        (R_nb, body_n, _), (_, landmark_n, _) = parts(bodies), parts(landmarks)
         share = 0.0 if scale is None else float(scale.position()[0])
-        at = self._expected(index, R_nb, np.array(apart), share)
+        at = self._expected(index, R_nb, landmark_n - body_n, share)
         sigma = self._arrays["sigma"][index]
         plain = sighting_factors.step_back(at.offset_b, at.by_offset, at.residual)
         roots = sighting_factors.offset_roots(at.by_offset, sigma)
