@@ -62,7 +62,9 @@ def inertial_bridge(t: Array, span_s: float, force_n: Array, gyro2: float, accel
     K = -skew(force_n)
     whole = _added(np.array([span_s]), K, gyro2, accel2)[0]
     added, rest = _added(t, K, gyro2, accel2), _transition(span_s - t, K)
-    by_end = np.swapaxes(np.linalg.solve(whole, rest @ added), 1, 2)
+    # side by side: a stack of matrices would have `whole` taken apart for each of them
+    abreast = np.swapaxes(rest @ added, 0, 1).reshape(9, -1)
+    by_end = np.linalg.solve(whole, abreast).reshape(9, len(t), 9).transpose(1, 2, 0)
     across = _transition(np.array([span_s]), K)[0]
     by_start = _transition(t, K) - by_end @ across
     link = np.linalg.solve(whole, across).T
