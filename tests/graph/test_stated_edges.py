@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 
 import gtsam_nav as gn
 from gtsam_nav.frames import rpy_from_quaternion
+from gtsam_nav.graph.measurements.edges import left_open
 from gtsam_nav.solution import Solution
 
 SIDE = 3
@@ -93,6 +95,19 @@ def test_no_edge_is_made_up_where_none_joins_two_poses(open_square: Path) -> Non
     assert graph is not None
     assert len(graph.edges) == 12 * SIDE - 1
     assert (4, 5) not in {(edge.a, edge.b) for edge in graph.edges}
+
+
+def test_an_interval_is_left_open_where_edges_lead_round_it_and_nothing_was_measured(
+    open_square: Path,
+) -> None:
+    mission = gn.open_mission(open_square)
+    assert mission.edges is not None
+    t = np.unique(mission.edges.t)
+    np.testing.assert_array_equal(np.flatnonzero(left_open(t, mission)), [4])
+    few = replace(mission, edges=mission.edges.crop(0.0, SIDE + 0.5))
+    assert not np.any(left_open(t, few))
+    halfway = np.insert(t, 1, 0.25)  # no edge leads there
+    np.testing.assert_array_equal(np.flatnonzero(left_open(halfway, mission)), [])
 
 
 def test_what_is_exported_reads_back_as_its_own_optimum(square: Path, tmp_path: Path) -> None:
