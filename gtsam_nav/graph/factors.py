@@ -8,7 +8,7 @@ copy of all values at each evaluation, which makes the solve quadratic in the mi
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from functools import cache, lru_cache
 from typing import Any
 
@@ -16,11 +16,9 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, G, L, M, S, X
 
-from gtsam_nav.frames import Array, Origin, earth_rate_n, rotation_from_rpy
+from gtsam_nav.frames import Array, rotation_from_rpy
 from gtsam_nav.graph.robust import KernelName, Robustness
-from gtsam_nav.mission import Sensor
 from gtsam_nav.registration.result import RelativePose
-from gtsam_nav.sensors.noise import ImuNoise
 
 KEPT_NOISES = 100
 """Of a kind: most factors share theirs with others."""
@@ -324,35 +322,3 @@ def stated_pose(a: int, b: int, R_ab: Array, p_a: Array, root: Array) -> Any:
     whole[:6, :6] = root
     noise = gtsam.noiseModel.Gaussian.SqrtInformation(whole, False)
     return gtsam.BetweenFactorNavState(a, b, nav_state(R_ab, p_a, np.zeros(3)), noise)
-
-
-def imu_parameters(
-    imu: Sensor, origin: Origin | None, *, combined: bool = False
-) -> Callable[[Array], Any]:
-    """Makes preintegration parameters of a gravity, m/s^2: mounting and noise are the IMU's.
-
-    The Earth turns where the place on it is known; ``combined`` lets the biases walk.
-    """
-    noise = ImuNoise.model_validate(imu.noise)
-    gyro = noise.gyro_noise_density_rad_s_sqrt_hz**2 * np.eye(3)
-    accel = noise.accel_noise_density_m_s2_sqrt_hz**2 * np.eye(3)
-    gyro_walk = noise.gyro_bias_walk_rad_s2_sqrt_hz**2 * np.eye(3)
-    accel_walk = noise.accel_bias_walk_m_s3_sqrt_hz**2 * np.eye(3)
-    mount, numerical = gtsam.Pose3(gtsam.Rot3(imu.R_bs), imu.xyz_b), 1e-10 * np.eye(3)
-    omega_n = None if origin is None else earth_rate_n(origin.latitude_deg)
-    kind = gtsam.PreintegrationCombinedParams if combined else gtsam.PreintegrationParams
-
-    def of(gravity_n: Array) -> Any:
-        parameters: Any = kind(gravity_n)
-        if combined:
-            parameters.setBiasAccCovariance(accel_walk)
-            parameters.setBiasOmegaCovariance(gyro_walk)
-        parameters.setGyroscopeCovariance(gyro)
-        parameters.setAccelerometerCovariance(accel)
-        parameters.setIntegrationCovariance(numerical)
-        parameters.setBodyPSensor(mount)
-        if omega_n is not None:
-            parameters.setOmegaCoriolis(omega_n)
-        return parameters
-
-    return of
