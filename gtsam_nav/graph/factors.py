@@ -163,12 +163,13 @@ def no_gain(a: int, b: int, sigma: Array) -> Any:
     return gtsam.BetweenFactorNavState(a, b, gtsam.NavState(), noise)
 
 
-def increment(a: int, b: int, R_ab: Array, p_a: Array, information: Array) -> Any:
-    """Motion from keyframe a to b: ``R_ab' (R_a' (p_b - p_a) - p_ab)``, and rotation if known.
-
-    ``information`` (9,) is the inverse variance of turn, shift and, zero, velocity.
-    """
-    return gtsam.BetweenFactorNavState(a, b, nav_state(R_ab, p_a, _STILL), precisions(information))
+def increment(
+    a: int, b: int, R_ab: Array, p_a: Array, rotation_precisions: Array, sigma_p: float
+) -> Any:
+    """Motion from keyframe a to b: ``R_ab' (R_a' (p_b - p_a) - p_ab)``, and rotation if known."""
+    noise = precisions([*rotation_precisions, *[1 / sigma_p**2] * 3, 0, 0, 0])
+    measured = nav_state(R_ab, p_a, np.zeros(3))
+    return gtsam.BetweenFactorNavState(a, b, measured, noise)
 
 
 def turn(a: int, b: int, R_ab: Array, precision: float) -> Any:

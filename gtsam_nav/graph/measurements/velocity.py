@@ -80,13 +80,13 @@ def _add_increments(
     """
     motion = problem.motion
     variance = motion.displacement_variance(problem.t[:-1], problem.t[1:])
-    precisions = np.zeros((len(variance), 9))
-    precisions[:, 3:6] = (1.0 / (variance + moved_m**2))[:, None]
+    sigma_p = np.sqrt(variance + moved_m**2).tolist()
+    rotation = np.zeros((len(variance), 3))
     if yaw_by_motion:
-        precisions[:, 2] = 1.0 / (motion.yaw_variance_rad2_s * np.diff(problem.t))
+        rotation[:, 2] = 1.0 / (motion.yaw_variance_rad2_s * np.diff(problem.t))
     R_ab, p_a = problem.increments
     for i in np.flatnonzero(~by_edges).tolist():
-        factor = factors.increment(X(i), X(i + 1), R_ab[i], p_a[i], precisions[i])
+        factor = factors.increment(X(i), X(i + 1), R_ab[i], p_a[i], rotation[i], sigma_p[i])
         entry = problem.add(i + 1, "velocity", factor, config.graph.robust.velocity)
         problem.displacements.append(Displacement(i + 1, R_ab[i], p_a[i], entry))
 
