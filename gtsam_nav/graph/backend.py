@@ -1,4 +1,4 @@
-"""The growing graph: iSAM2 as the mission is read, batch once it is known."""
+"""The growing graph: iSAM2 as the mission is read, and covariances once it is known."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ class Backend:
         for by_qr in (False, True) if self._fresh_starts <= MOST_FRESH_STARTS else (True,):
             if self._by_qr:
                 break
-            log.info("iSAM2 begins anew%s: %s", " by QR" * by_qr, _first_lines(failure))
+            log.info("iSAM2 begins anew%s: %s", " by QR" * by_qr, first_lines(failure))
             self._isam, self._by_qr = _isam2(by_qr), by_qr
             try:
                 self._isam.update(failed.getFactorsUnsafe(), failed.getLinearizationPoint())
@@ -127,7 +127,7 @@ class Backend:
                 failure = error
             else:
                 return
-        raise EstimationError(f"iSAM2 failed: {_first_lines(failure)}") from failure
+        raise EstimationError(f"iSAM2 failed: {first_lines(failure)}") from failure
 
     def _asked(self, question: Callable[[Any], T]) -> T:
         """iSAM2's answer, after a fresh start where it has none."""
@@ -179,7 +179,7 @@ def graph_of(entries: Iterable[SensorFactor]) -> Any:
     return graph
 
 
-def _first_lines(error: RuntimeError) -> str:
+def first_lines(error: RuntimeError) -> str:
     """What GTSAM says, less its explanations."""
     return " ".join(str(error).strip().split("\n\n")[0].split())
 
@@ -198,33 +198,6 @@ def _isam2(is_stiff: bool) -> Any:
     return gtsam.ISAM2(parameters)
 
 
-def solve_batch(graph: Any, values: Any, is_stiff: bool = False) -> Any:
-    """Levenberg-Marquardt to convergence.
-
-    Parameters
-    ----------
-    is_stiff : bool
-        Solve by QR at once; else only where Cholesky gives up.
-
-    Raises
-    ------
-    EstimationError
-        Where the system is indeterminate or the result is not finite.
-    """
-    parameters = gtsam.LevenbergMarquardtParams()
-    if is_stiff:
-        parameters.setLinearSolverType("MULTIFRONTAL_QR")
-    try:
-        result = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
-    except RuntimeError as error:
-        if not is_stiff:
-            return solve_batch(graph, values, is_stiff=True)
-        raise EstimationError(f"the batch solve failed: {_first_lines(error)}") from error
-    if not np.isfinite(graph.error(result)):
-        raise EstimationError("the batch solve diverged")
-    return result
-
-
 class Covariances:
     """Marginal covariances of a graph's variables, by QR where Cholesky gives up on any of them.
 
@@ -234,7 +207,7 @@ class Covariances:
     values : gtsam.Values
         Where to linearise.
     is_stiff : bool
-        As for `solve_batch`.
+        Whether to go by QR at once.
     """
 
     def __init__(self, graph: Any, values: Any, is_stiff: bool = False) -> None:
@@ -266,7 +239,7 @@ class Covariances:
                 self._by_qr.update(self._graph, self._values)
             return _joint(self._by_qr, keys)
         except RuntimeError as error:
-            raise EstimationError(f"no covariance: {_first_lines(error)}") from error
+            raise EstimationError(f"no covariance: {first_lines(error)}") from error
 
 
 def _joint(marginals: Any, keys: list[int]) -> Array:

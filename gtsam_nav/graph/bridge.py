@@ -62,7 +62,9 @@ def inertial_bridge(t: Array, span_s: float, force_n: Array, gyro2: float, accel
     K = -skew(force_n)
     whole = _added(np.array([span_s]), K, gyro2, accel2)[0]
     added, rest = _added(t, K, gyro2, accel2), _transition(span_s - t, K)
-    by_end = np.swapaxes(np.linalg.solve(whole, rest @ added), 1, 2)
+    # side by side: a stack of matrices would have `whole` taken apart for each of them
+    abreast = np.swapaxes(rest @ added, 0, 1).reshape(9, -1)
+    by_end = np.linalg.solve(whole, abreast).reshape(9, len(t), 9).transpose(1, 2, 0)
     across = _transition(np.array([span_s]), K)[0]
     by_start = _transition(t, K) - by_end @ across
     link = np.linalg.solve(whole, across).T
@@ -70,7 +72,7 @@ def inertial_bridge(t: Array, span_s: float, force_n: Array, gyro2: float, accel
 
 
 def joint_of_neighbours(before: Array, after: Array, link: Array) -> Array:
-    """Joint covariance (18, 18) of two states by their own, and what ties them to each other.
+    """Joint covariance (..., 18, 18) of two states by their own, and what ties them to each other.
 
     Where nothing else does, the link is the block between them of the inverse: with C their cross
     covariance, ``P0^-1 C = link (P1 - C' P0^-1 C)``. In units of their roots that is
@@ -78,21 +80,22 @@ def joint_of_neighbours(before: Array, after: Array, link: Array) -> Array:
 
     Parameters
     ----------
-    before, after : ndarray, shape (9, 9)
-    link : ndarray, shape (9, 9)
+    before, after : ndarray, shape (..., 9, 9)
+    link : ndarray, shape (..., 9, 9)
         Information, ``Phi' Q^-1`` of a transition with its noise.
     """
     root_before, root_after = _root(before), _root(after)
     U, s, V = np.linalg.svd(root_before @ link @ root_after)
     shared = 2 * s / (1 + np.sqrt(1 + 4 * s**2))
-    cross = root_before @ (U * shared) @ V @ root_after
-    return np.block([[before, cross], [cross.T, after]])
+    cross = root_before @ (U * shared[..., None, :]) @ V @ root_after
+    return np.block([[before, cross], [np.swapaxes(cross, -1, -2), after]])
 
 
 def _root(P: Array) -> Array:
     """Symmetric square root."""
     variances, axes = np.linalg.eigh(P)
-    return np.asarray((axes * np.sqrt(np.maximum(variances, 0.0))) @ axes.T)
+    roots = np.sqrt(np.maximum(variances, 0.0))
+    return np.asarray((axes * roots[..., None, :]) @ np.swapaxes(axes, -1, -2))
 
 
 def _transition(t: Array, K: Array) -> Array:

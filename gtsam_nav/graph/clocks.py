@@ -20,8 +20,9 @@ import numpy as np
 from gtsam_nav.config import Config
 from gtsam_nav.frames import Array
 from gtsam_nav.graph import factors
-from gtsam_nav.graph.backend import graph_of, solve_batch
+from gtsam_nav.graph.backend import graph_of
 from gtsam_nav.graph.factors import X
+from gtsam_nav.graph.least_squares import solve_batch
 from gtsam_nav.graph.measurements import build_problem
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.readings import Reading, made

@@ -5,18 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import gtsam
 import numpy as np
 
 from gtsam_nav.frames import Array, quaternion_from_rotation, rotation_from_rpy, wrap_angle
 from gtsam_nav.graph.bridge import Bridge, inertial_bridge, joint_of_neighbours, steady_bridge
+from gtsam_nav.graph.carried import Carried, carried, joined
 from gtsam_nav.graph.factors import B, X
-from gtsam_nav.graph.preintegration import InertialStep
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.trajectory import Trajectory
 
 TANGENT = np.r_[0:3, 6:9, 3:6]
 """Attitude, velocity and position where GTSAM has attitude, position and velocity."""
+AT_ONCE = 64
+"""So many intervals together: their covariances are no small matter."""
 POSE = np.r_[6:9, 0:3]
 """Position, then attitude, among attitude, velocity and position."""
 
@@ -92,10 +93,11 @@ def _along_imu(
     bounds = np.searchsorted(t, t_key, side="right")
     bounds[0] = 0  # the first keyframe's own time goes with the first interval
     cov_n = _covariances_n(keyframes.R_nb, [covariances[X(k)] for k in range(len(t_key))])
-    parts = [
-        _interval(problem, values, k, cov_n[k - 1 : k + 1], t[bounds[k - 1] : bounds[k]])
-        for k in range(1, len(t_key))
-    ]
+    parts = []
+    for first in range(1, len(t_key), AT_ONCE):
+        ks = range(first, min(first + AT_ONCE, len(t_key)))
+        own = [t[bounds[k - 1] : bounds[k]] for k in ks]
+        parts.append(_intervals(problem, values, keyframes, cov_n, ks, own))
     R_nb, p_n, v_n, cov_pose_n, sigma_v_n = (
         np.concatenate(columns) for columns in zip(*parts, strict=True)
     )
@@ -119,21 +121,29 @@ def _covariances_n(R_nb: Array, covariances: list[Array]) -> Array:
     return np.asarray(turned[:, TANGENT[:, None], TANGENT])
 
 
-def _interval(
-    problem: Problem, values: Any, k: int, ends: Array, t: Array
+def _intervals(
+    problem: Problem, values: Any, keyframes: Trajectory, cov_n: Array, ks: range, t: list[Array]
 ) -> tuple[Array, Array, Array, Array, Array]:
-    """Attitude, position and velocity at times into keyframe k, the last of which is its own, with
-    the covariance of the pose and the sigmas of the velocity; ``ends`` are those of the keyframes.
-    """
+    """Attitude, position and velocity at times into some keyframes, the last of each of which is
+    the keyframe's own, with the covariance of the pose and the sigmas of the velocity."""
     from scipy.spatial.transform import Rotation
 
-    before, after = values.atNavState(X(k - 1)), values.atNavState(X(k))
-    R_nb, v_n, p_n = _carried(problem, k, values, t)
-    bridge = _bridge(problem, k, t, (v_n[-1] - before.velocity()))
-    turn = Rotation.from_matrix(after.attitude().matrix() @ R_nb[-1].T).as_rotvec()
-    miss = np.concatenate([turn, after.velocity() - v_n[-1], after.position() - p_n[-1]])
-    turn, speed, shift = np.split(bridge.by_end @ miss, 3, axis=1)
-    cov = bridge.covariance(joint_of_neighbours(ends[0], ends[1], _link(problem, k, bridge)))
+    assert keyframes.v_n is not None
+    on_way = _carried(problem, values, ks, t)
+    R_nb, v_n, p_n = on_way.R_nb, on_way.v_n, on_way.p_n
+    last, into = np.cumsum([len(own) for own in t]) - 1, np.array(ks)
+    gained = v_n[last] - keyframes.v_n[into - 1]
+    bridges = [_bridge(problem, k, own, by) for k, own, by in zip(ks, t, gained, strict=True)]
+    links = np.array([_link(problem, k, bridge) for k, bridge in zip(ks, bridges, strict=True)])
+    joint = joint_of_neighbours(cov_n[into - 1], cov_n[into], links)
+    turned = keyframes.R_nb[into] @ np.swapaxes(R_nb[last], 1, 2)
+    speed, shift = keyframes.v_n[into] - v_n[last], keyframes.p_n[into] - p_n[last]
+    missed = np.hstack([Rotation.from_matrix(turned).as_rotvec(), speed, shift])
+    put_right = np.concatenate(
+        [bridge.by_end @ by for bridge, by in zip(bridges, missed, strict=True)]
+    )
+    turn, speed, shift = np.split(put_right, 3, axis=1)
+    cov = np.concatenate([b.covariance(both) for b, both in zip(bridges, joint, strict=True)])
     return (
         Rotation.from_rotvec(turn).as_matrix() @ R_nb,
         p_n + shift,
@@ -170,18 +180,29 @@ def _bridge(problem: Problem, k: int, t: Array, gained_n: Array) -> Bridge:
     return steady_bridge(after_s / span_s, noise, np.repeat(link, 3))
 
 
-def _carried(problem: Problem, k: int, values: Any, t: Array) -> tuple[Array, Array, Array]:
-    """Attitude, velocity and position at times into keyframe k by the IMU from the one before it
-    on; where that is silent, by the vehicle's own motion."""
-    before, step = values.atNavState(X(k - 1)), problem.steps[k]
-    if step is not None:
-        elapsed = t - problem.t[k - 1]
-        states = _predicted(step, before, values.atConstantBias(B(k - 1)), elapsed)
-        return (
-            np.array([state.attitude().matrix() for state in states]),
-            np.array([state.velocity() for state in states]),
-            np.array([state.position() for state in states]),
+def _carried(problem: Problem, values: Any, ks: range, t: list[Array]) -> Carried:
+    """States at times into some keyframes by the IMU from the one before each on; where that is
+    silent, by the vehicle's own motion."""
+    by_imu = [(i, k) for i, k in enumerate(ks) if problem.steps[k] is not None]
+    found: list[Carried | None] = [None] * len(ks)
+    if by_imu:
+        whole = carried(
+            [step for _, k in by_imu if (step := problem.steps[k]) is not None],
+            [values.atNavState(X(k - 1)) for _, k in by_imu],
+            [values.atConstantBias(B(k - 1)) for _, k in by_imu],
+            [t[i] - problem.t[k - 1] for i, k in by_imu],
         )
+        ends = np.cumsum([len(t[i]) for i, _ in by_imu])[:-1]
+        for (i, _), one in zip(by_imu, whole.split(ends), strict=True):
+            found[i] = one
+    return joined(
+        one or _by_own_motion(problem, values.atNavState(X(k - 1)), k, own)
+        for one, k, own in zip(found, ks, t, strict=True)
+    )
+
+
+def _by_own_motion(problem: Problem, before: Any, k: int, t: Array) -> Carried:
+    """From the keyframe before k on."""
     motion = problem.motion
     turned = before.attitude().matrix() @ problem.R_nb[k - 1].T
     p_own, rpy_own = motion.at(t)
@@ -189,24 +210,7 @@ def _carried(problem: Problem, k: int, values: Any, t: Array) -> tuple[Array, Ar
     v_b = np.stack([np.interp(t, motion.t, axis) for axis in motion.v_b.T], axis=1)
     lacking_n = before.velocity() - before.attitude().matrix() @ problem.v_b[k - 1]
     v_n = np.einsum("nij,nj->ni", R_nb, v_b) + lacking_n
-    return R_nb, v_n, before.position() + (p_own - problem.p_n[k - 1]) @ turned.T
-
-
-def _predicted(step: InertialStep, before: Any, bias: Any, elapsed: Array) -> list[Any]:
-    """States at times after a keyframe, by its readings."""
-    ends = np.cumsum(step.dt)
-    edges = np.union1d(ends, elapsed[elapsed > 0])
-    row = np.minimum(np.searchsorted(ends, edges), len(ends) - 1)
-    wanted = np.isin(edges, elapsed)
-    pim = gtsam.PreintegratedImuMeasurements(step.parameters, bias)
-    states = [before] * int(np.sum(elapsed <= 0))
-    lasting = np.diff(edges, prepend=0.0).tolist()
-    readings = zip(list(step.accel[row]), list(step.gyro[row]), lasting, strict=True)
-    for (f, omega, dt), is_wanted in zip(readings, wanted.tolist(), strict=True):
-        pim.integrateMeasurement(f, omega, dt)
-        if is_wanted:
-            states.append(pim.predict(before, bias))
-    return states
+    return Carried(R_nb, v_n, before.position() + (p_own - problem.p_n[k - 1]) @ turned.T)
 
 
 def _between(t: Array, t_key: Array, values: Array) -> Array:

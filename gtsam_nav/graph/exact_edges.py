@@ -14,7 +14,7 @@ import gtsam
 import numpy as np
 
 from gtsam_nav.graph import factors
-from gtsam_nav.graph.backend import solve_batch
+from gtsam_nav.graph.least_squares import solve_batch
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.refinement import Refined
 from gtsam_nav.graph.sensor_posterior import sensor_posterior
@@ -22,6 +22,8 @@ from gtsam_nav.graph.sensor_posterior import sensor_posterior
 log = logging.getLogger(__name__)
 
 MAX_ROUNDS = 10
+TOLERANCE = 1e-6
+"""Of each solve: where residuals are large, a step comes nearer by but a share."""
 LEAST_GAIN, LEAST_COST = 1e-5, 1e-6
 """Share of the cost, were it no less than this, that a round must take off for another one to
 follow."""
@@ -40,7 +42,7 @@ def refine_exactly(graph: Any, values: Any, problem: Problem) -> tuple[Any, Refi
     graph = _made_at(values, graph, problem)
     cost, gain, rounds = graph.error(values), np.inf, 0
     while gain > LEAST_GAIN and rounds < MAX_ROUNDS:
-        moved = solve_batch(graph, values)
+        moved = solve_batch(graph, values, tolerance=TOLERANCE)
         there = _made_at(moved, graph, problem)
         gain = (cost - there.error(moved)) / max(cost, LEAST_COST)
         if gain > 0.0:

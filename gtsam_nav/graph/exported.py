@@ -48,10 +48,10 @@ def pose_graph(
     """Keyframes with the motion between them, all accepted matches and stated edges, for export."""
     poses = [values.atNavState(X(k)).pose() for k in range(len(problem.t))]
     joined = {max(e.a, e.b) for e in stated if not e.is_loop}
+    moved = {d.k for d in problem.displacements} | {step.k for step in problem.steps if step}
     edges = [
         edge_between(poses, k - 1, k, _motion_information(problem, k))
-        for k in range(1, len(poses))
-        if k not in joined and (problem.measures_velocity or problem.uses_imu)
+        for k in sorted(moved - joined)
     ]
     for e in stated:
         weight = e.weight_at(values, robustness) if e.is_loop else 1.0

@@ -8,23 +8,20 @@ copy of all values at each evaluation, which makes the solve quadratic in the mi
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from functools import cache
+from collections.abc import Iterable
+from functools import cache, lru_cache
 from typing import Any
 
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, G, L, M, S, X
 
-from gtsam_nav.frames import Array, Origin, earth_rate_n, rotation_from_rpy
+from gtsam_nav.frames import Array, rotation_from_rpy
 from gtsam_nav.graph.robust import KernelName, Robustness
-from gtsam_nav.mission import Sensor
 from gtsam_nav.registration.result import RelativePose
-from gtsam_nav.sensors.noise import ImuNoise
 
-PIN_PRECISION = 1e8
-"""Precision that holds the meaningless components of a frame of which only a part means anything:
-a compass's, a GNSS error's, a landmark's, a range scale's."""
+KEPT_NOISES = 100
+"""Of a kind: most factors share theirs with others."""
 
 Trio = tuple[Any, Any, Any]
 
@@ -84,7 +81,21 @@ def nav_state(R_nb: Array, p_n: Array, v_n: Array) -> Any:
     return gtsam.NavState(gtsam.Rot3(R_nb), p_n, v_n)
 
 
+def parts(states: Iterable[Any]) -> tuple[Array, Array, Array]:
+    """Attitudes (n, 3, 3), positions and velocities (n, 3) of NavStates: three cost as much as one
+    where each is asked alone."""
+    whole = np.array([state.matrix() for state in states]).reshape(-1, 5, 5)
+    return whole[:, :3, :3], whole[:, :3, 3], whole[:, :3, 4]
+
+
+def moved(before: Any, R_ab: Array, p_a: Array, v_b: Array) -> Any:
+    """The NavState at a pose in another one's axes, with a velocity along its own."""
+    pose = before.pose().compose(gtsam.Pose3(gtsam.Rot3(R_ab), p_a))
+    return gtsam.NavState(pose, pose.rotation().matrix() @ v_b)
+
+
 _UPRIGHT, _STILL = gtsam.Rot3(), np.zeros(3)
+_ORIGIN = gtsam.NavState()
 _DOWN = gtsam.Unit3(np.array([0.0, 0.0, 1.0]))
 
 
@@ -115,12 +126,18 @@ def start_prior(
     return gtsam.PriorFactorNavState(key, state, gtsam.noiseModel.Gaussian.Covariance(cov))
 
 
-def velocity(key: int, v_b: Array, sigma: Any) -> Any:
-    """Body velocity: ``R_nb' v_n - v_b``; an infinite sigma is unobserved."""
-    information, measured = np.zeros(9), np.zeros(9)
-    information[6:], measured[6:] = 1.0 / np.square(sigma), v_b
-    noise = precisions(information)
-    return gtsam.ExtendedPriorFactorNavState(key, gtsam.NavState(), measured, noise)
+@lru_cache(maxsize=KEPT_NOISES)
+def _velocity_noise(forward: float, across: float) -> Any:
+    """By sigmas; an infinite one is unobserved."""
+    return precisions([*[0] * 6, 1 / forward**2, 1 / across**2, 1 / across**2])
+
+
+def velocity(key: int, v_b: Array, sigma: float) -> Any:
+    """Body velocity: ``R_nb' v_n - v_b``."""
+    measured = np.zeros(9)
+    measured[6:] = v_b
+    noise = _velocity_noise(sigma, sigma)
+    return gtsam.ExtendedPriorFactorNavState(key, _ORIGIN, measured, noise)
 
 
 def position_prior(key: int, p_n: Array, sigma: Array) -> Any:
@@ -130,7 +147,8 @@ def position_prior(key: int, p_n: Array, sigma: Array) -> Any:
 
 def nonholonomic(key: int, sigma: float) -> Any:
     """Neither sideways nor up: the last two components of ``R_nb' v_n``."""
-    return velocity(key, np.zeros(3), np.array([np.inf, sigma, sigma]))
+    noise = _velocity_noise(math.inf, sigma)
+    return gtsam.ExtendedPriorFactorNavState(key, _ORIGIN, np.zeros(9), noise)
 
 
 def no_turn(a: int, b: int, sigma: float) -> Any:
@@ -160,10 +178,15 @@ def turn(a: int, b: int, R_ab: Array, precision: float) -> Any:
     return gtsam.BetweenFactorNavState(a, b, nav_state(R_ab, np.zeros(3), np.zeros(3)), noise)
 
 
+@lru_cache(maxsize=KEPT_NOISES)
+def _depth_noise(sigma: float) -> Any:
+    return precisions([0, 0, 1 / sigma**2])
+
+
 def depth(key: int, depth_m: float, lever_b: Array, sigma: float) -> Any:
     """Depth: ``d + (R_nb lever_b)_d - depth``."""
-    noise = precisions([0, 0, 1 / sigma**2])
-    return gtsam.GPSFactor2Arm(key, np.array([0.0, 0.0, depth_m]), lever_b, noise)
+    place_n = np.array([0.0, 0.0, depth_m])
+    return gtsam.GPSFactor2Arm(key, place_n, lever_b, _depth_noise(sigma))
 
 
 def gnss(key: int, p_n: Array, lever_b: Array, sigma: Array) -> Any:
@@ -195,18 +218,6 @@ def gnss_velocity(key: int, v_n: Array, turning_b: Array, R_nb: Array, sigma: Ar
     noise = gtsam.noiseModel.Gaussian.SqrtInformation(root, False)
     measured = nav_state(np.eye(3), np.zeros(3), v_n)
     return gtsam.ExtendedPriorFactorNavState(key, measured, np.r_[np.zeros(6), -turning_b], noise)
-
-
-def gnss_error_prior(key: int, precision: float) -> Any:
-    """A shared GNSS error about zero: a frame of which only the position means anything."""
-    noise = precisions([PIN_PRECISION] * 3 + [precision] * 3 + [PIN_PRECISION] * 3)
-    return gtsam.PriorFactorNavState(key, gtsam.NavState(), noise)
-
-
-def gnss_error_link(a: int, b: int, precision: float) -> Any:
-    """Keeps two shared GNSS errors together."""
-    noise = precisions([0] * 3 + [precision] * 3 + [0] * 3)
-    return gtsam.BetweenFactorNavState(a, b, gtsam.NavState(), noise)
 
 
 def _against_compass(compass: int | None, key: int, R_measured: Array, noise: Any) -> Any:
@@ -269,18 +280,9 @@ class LinearFactor(gtsam.LinearContainerFactor):
         return LinearFactor(keys, states, (root * A, root * B, root * C), root * self._residual)
 
 
-def range_scale_prior(key: int, sigma: float) -> Any:
-    """By what share a sensor's ranges are too long: a frame of which only ``n`` means anything."""
-    pins = [PIN_PRECISION] * 3
-    noise = precisions([*pins, 1 / sigma**2, *[PIN_PRECISION] * 2, *pins])
-    return gtsam.PriorFactorNavState(key, gtsam.NavState(), noise)
-
-
-def landmark_prior(key: int, p_n: Array, sigma: Array) -> Any:
-    """Where a landmark is known to be: a frame of which only the position means anything."""
-    pins = [PIN_PRECISION] * 3
-    noise = precisions([*pins, *(1 / np.asarray(sigma) ** 2), *pins])
-    return gtsam.PriorFactorNavState(key, nav_state(np.eye(3), p_n, np.zeros(3)), noise)
+@lru_cache(maxsize=KEPT_NOISES)
+def _tilt_noise(sigma: float) -> Any:
+    return gtsam.noiseModel.Isotropic.Sigma(2, sigma)
 
 
 def tilt(key: int, rpy: Array, sigma: float) -> Any:
@@ -289,26 +291,7 @@ def tilt(key: int, rpy: Array, sigma: float) -> Any:
     level = math.cos(pitch)
     down_b = (-math.sin(pitch), math.sin(roll) * level, math.cos(roll) * level)
     measured = gtsam.Unit3(np.array(down_b))
-    noise = gtsam.noiseModel.Isotropic.Sigma(2, sigma)
-    return gtsam.AttitudeFactorNavState(key, _DOWN, noise, measured)
-
-
-def compass_prior(key: int, sigma: float) -> Any:
-    """A compass frame: all but its yaw pinned to the navigation frame."""
-    pins = [PIN_PRECISION, PIN_PRECISION, 1 / sigma**2 if sigma > 0 else PIN_PRECISION]
-    return gtsam.PriorFactorNavState(key, gtsam.NavState(), precisions(pins + [PIN_PRECISION] * 6))
-
-
-def compass_link(a: int, b: int, yaw_precision: float) -> Any:
-    """Keeps the yaws of two compass frames together."""
-    noise = precisions([0, 0, yaw_precision, *[0] * 6])
-    return gtsam.BetweenFactorNavState(a, b, gtsam.NavState(), noise)
-
-
-def compass_pin(key: int) -> Any:
-    """Pins all but the yaw of a compass frame, which `compass_link` then governs."""
-    noise = precisions([PIN_PRECISION, PIN_PRECISION, 0.0] + [PIN_PRECISION] * 6)
-    return gtsam.PriorFactorNavState(key, gtsam.NavState(), noise)
+    return gtsam.AttitudeFactorNavState(key, _DOWN, _tilt_noise(sigma), measured)
 
 
 def planar_match(a: int, b: int, q: Array, cov: Array) -> Any:
@@ -340,35 +323,3 @@ def stated_pose(a: int, b: int, R_ab: Array, p_a: Array, root: Array) -> Any:
     whole[:6, :6] = root
     noise = gtsam.noiseModel.Gaussian.SqrtInformation(whole, False)
     return gtsam.BetweenFactorNavState(a, b, nav_state(R_ab, p_a, np.zeros(3)), noise)
-
-
-def imu_parameters(
-    imu: Sensor, origin: Origin | None, *, combined: bool = False
-) -> Callable[[Array], Any]:
-    """Makes preintegration parameters of a gravity, m/s^2: mounting and noise are the IMU's.
-
-    The Earth turns where the place on it is known; ``combined`` lets the biases walk.
-    """
-    noise = ImuNoise.model_validate(imu.noise)
-    gyro = noise.gyro_noise_density_rad_s_sqrt_hz**2 * np.eye(3)
-    accel = noise.accel_noise_density_m_s2_sqrt_hz**2 * np.eye(3)
-    gyro_walk = noise.gyro_bias_walk_rad_s2_sqrt_hz**2 * np.eye(3)
-    accel_walk = noise.accel_bias_walk_m_s3_sqrt_hz**2 * np.eye(3)
-    mount, numerical = gtsam.Pose3(gtsam.Rot3(imu.R_bs), imu.xyz_b), 1e-10 * np.eye(3)
-    omega_n = None if origin is None else earth_rate_n(origin.latitude_deg)
-    kind = gtsam.PreintegrationCombinedParams if combined else gtsam.PreintegrationParams
-
-    def of(gravity_n: Array) -> Any:
-        parameters: Any = kind(gravity_n)
-        if combined:
-            parameters.setBiasAccCovariance(accel_walk)
-            parameters.setBiasOmegaCovariance(gyro_walk)
-        parameters.setGyroscopeCovariance(gyro)
-        parameters.setAccelerometerCovariance(accel)
-        parameters.setIntegrationCovariance(numerical)
-        parameters.setBodyPSensor(mount)
-        if omega_n is not None:
-            parameters.setOmegaCoriolis(omega_n)
-        return parameters
-
-    return of

@@ -139,10 +139,15 @@ def _most_updates(problem: Problem, sonar: SonarData | None) -> int:
     """As few as the graph allows; one where a pose comes before all that it is joined to."""
     if not problem.is_pose_graph or sonar is not None:
         return MOST_UPDATES
-    ties = (entry.gaussian.keys() for entry, _ in problem.exact)
-    tied = {max(keys) for keys in ties}
-    grows = not problem.exact or len(tied) == len(problem.t) - 1
+    grows = all(_is_tied(problem, k) for k in range(1, len(problem.t)))
     return MOST_STATED_UPDATES if grows else 1
+
+
+def _is_tied(problem: Problem, k: int) -> bool:
+    """Whether anything ties a keyframe to an earlier one."""
+    tied = [entry.gaussian.keys() for entry in problem.factors[k]]
+    earlier = any(X(0) <= key < X(k) for keys in tied for key in keys)
+    return problem.steps[k] is not None or earlier
 
 
 def _nearer_start(problem: Problem, values: Any) -> Any:

@@ -10,7 +10,7 @@ import numpy as np
 from gtsam_nav.frames import Array, quaternion_from_rotation
 from gtsam_nav.graph.block_covariances import joint_covariances
 from gtsam_nav.graph.exported import match_weight
-from gtsam_nav.graph.factors import B
+from gtsam_nav.graph.factors import B, parts
 from gtsam_nav.graph.measurements.edges import KeyframeEdge
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.refinement import Refined
@@ -39,7 +39,7 @@ def smoothed_covariances(
 
 def keyframe_trajectory(t: Array, states: list[Any], covariances: list[Array]) -> Trajectory:
     """NavStates and their tangent covariances as a trajectory."""
-    R_nb = np.array([s.attitude().matrix() for s in states])
+    R_nb, p_n, v_n = parts(states)
     cov = np.array(covariances)
     to_n = np.zeros((len(t), 6, 9))
     to_n[:, :3, 3:6] = R_nb
@@ -47,9 +47,9 @@ def keyframe_trajectory(t: Array, states: list[Any], covariances: list[Array]) -
     cov_v = R_nb @ cov[:, 6:, 6:] @ np.swapaxes(R_nb, 1, 2)
     return Trajectory(
         t=t,
-        p_n=np.array([s.position() for s in states]),
+        p_n=p_n,
         q_nb_wxyz=quaternion_from_rotation(R_nb),
-        v_n=np.array([s.velocity() for s in states]),
+        v_n=v_n,
         cov_pose_n=to_n @ cov @ np.swapaxes(to_n, 1, 2),
         sigma_v_n=np.sqrt(np.maximum(np.diagonal(cov_v, axis1=1, axis2=2), 0.0)),
         keyframe=np.ones(len(t), dtype=bool),

@@ -9,6 +9,7 @@ since moved so far that the second order counts beside their noise.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -16,13 +17,47 @@ from typing import Any
 import gtsam
 import numpy as np
 
-from gtsam_nav.frames import Array
+from gtsam_nav.frames import Array, Origin, earth_rate_n
 from gtsam_nav.graph.factors import B, X
+from gtsam_nav.mission import Sensor
+from gtsam_nav.sensors.noise import ImuNoise
 
 GRAVITY_M_S2 = 9.8
 SECOND_ORDER_SIGMAS = 0.03
 """What a gyro bias beside the one that readings were integrated at may make of their velocity by
 its second order, in standard deviations of their own noise."""
+
+
+def imu_parameters(
+    imu: Sensor, origin: Origin | None, *, combined: bool = False
+) -> Callable[[Array], Any]:
+    """Makes preintegration parameters of a gravity, m/s^2: mounting and noise are the IMU's.
+
+    The Earth turns where the place on it is known; ``combined`` lets the biases walk.
+    """
+    noise = ImuNoise.model_validate(imu.noise)
+    gyro = noise.gyro_noise_density_rad_s_sqrt_hz**2 * np.eye(3)
+    accel = noise.accel_noise_density_m_s2_sqrt_hz**2 * np.eye(3)
+    gyro_walk = noise.gyro_bias_walk_rad_s2_sqrt_hz**2 * np.eye(3)
+    accel_walk = noise.accel_bias_walk_m_s3_sqrt_hz**2 * np.eye(3)
+    mount, numerical = gtsam.Pose3(gtsam.Rot3(imu.R_bs), imu.xyz_b), 1e-10 * np.eye(3)
+    omega_n = None if origin is None else earth_rate_n(origin.latitude_deg)
+    kind = gtsam.PreintegrationCombinedParams if combined else gtsam.PreintegrationParams
+
+    def of(gravity_n: Array) -> Any:
+        parameters: Any = kind(gravity_n)
+        if combined:
+            parameters.setBiasAccCovariance(accel_walk)
+            parameters.setBiasOmegaCovariance(gyro_walk)
+        parameters.setGyroscopeCovariance(gyro)
+        parameters.setAccelerometerCovariance(accel)
+        parameters.setIntegrationCovariance(numerical)
+        parameters.setBodyPSensor(mount)
+        if omega_n is not None:
+            parameters.setOmegaCoriolis(omega_n)
+        return parameters
+
+    return of
 
 
 @dataclass(frozen=True)

@@ -306,15 +306,15 @@ class Problem:
         step = self.steps[k]
         if step is not None and not self.measures_velocity:
             return step.pim.predict(before, bias)
-        R_ab, p_a = self.increment(k - 1, k)
-        R_nb = before.attitude().matrix() @ R_ab
-        p_n = before.position() + before.attitude().matrix() @ p_a
-        return factors.nav_state(R_nb, p_n, R_nb @ self.v_b[k])
+        R_ab, p_a = self.increments
+        return factors.moved(before, R_ab[k - 1], p_a[k - 1], self.v_b[k])
 
-    def increment(self, a: int, b: int) -> tuple[Array, Array]:
-        """Rotation and displacement of keyframe b in keyframe a by the vehicle's own motion."""
-        R_a = self.R_nb[a]
-        return R_a.T @ self.R_nb[b], R_a.T @ (self.p_n[b] - self.p_n[a])
+    @cached_property
+    def increments(self) -> tuple[Array, Array]:
+        """Rotation (n - 1, 3, 3) and displacement (n - 1, 3) of each keyframe but the first in the
+        one before it, by the vehicle's own motion."""
+        back = np.swapaxes(self.R_nb[:-1], 1, 2)
+        return back @ self.R_nb[1:], (back @ np.diff(self.p_n, axis=0)[:, :, None])[:, :, 0]
 
     def planar_increment(self, a: int, b: int) -> PlanarPose:
         """Keyframe b in keyframe a by the vehicle's own motion, with its uncertainty."""

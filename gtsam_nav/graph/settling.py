@@ -23,8 +23,8 @@ import numpy as np
 
 from gtsam_nav.frames import Array
 from gtsam_nav.graph import factors
-from gtsam_nav.graph.backend import solve_batch
 from gtsam_nav.graph.block_covariances import joint_covariances
+from gtsam_nav.graph.least_squares import solve_batch
 from gtsam_nav.graph.problem import Problem, SensorFactor
 from gtsam_nav.graph.readings import Reading, made
 from gtsam_nav.graph.robust import CUTTING, Robustness

@@ -58,9 +58,10 @@ def offset_roots(by_offset: Array, sigma: Array) -> Array:
 
 def step_back(offset: Array, by_offset: Array, residual: Array) -> Array:
     """Offsets (..., 3) after the shortest step that takes their residuals (..., m) away."""
-    gram = by_offset @ np.swapaxes(by_offset, -1, -2) + 1e-18 * np.eye(residual.shape[-1])
+    turned = np.swapaxes(by_offset, -1, -2)
+    gram = by_offset @ turned + 1e-18 * np.eye(residual.shape[-1])
     along = np.linalg.solve(gram, residual[..., None])
-    return np.asarray(offset - (np.swapaxes(by_offset, -1, -2) @ along)[..., 0])
+    return np.asarray(offset - (turned @ along)[..., 0])
 
 
 def level_sighting(

@@ -10,12 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any, Literal
 
 import numpy as np
 
 from gtsam_nav.frames import Array
-from gtsam_nav.graph.factors import X
+from gtsam_nav.graph.factors import X, parts
 from gtsam_nav.graph.measurements import constraints
 from gtsam_nav.graph.measurements.gnss import VELOCITY_OUTLIER
 from gtsam_nav.graph.problem import Problem, TimingEffect
@@ -121,12 +122,18 @@ def timing_effect(
         Where the graph is linearised.
     """
     course = _Course.of(problem, values)
+
+    @cache
+    def shares_of(sensor: str, reason: str) -> Array:
+        return np.array([error.shares(problem, sensor, reason) for error in errors]).T
+
     effect = []
     for sensor, reason, t, factor in _measurements(problem, used):
-        shares = np.array([error.shares(problem, sensor, reason) for error in errors]).T
-        moves = np.any(shares)
-        slopes = course.slopes(factor, t, values) if moves else np.zeros((factor.dim(), 2))
-        effect.append(slopes @ shares)
+        shares = shares_of(sensor, reason)
+        if shares.any():
+            effect.append(course.slopes(factor, t, values) @ shares)
+        else:
+            effect.append(np.zeros((factor.dim(), len(errors))))
     return TimingEffect(
         names=tuple(error.name for error in errors),
         sigma_s=np.array([error.sigma_s for error in errors]),
@@ -159,9 +166,7 @@ class _Course:
         from scipy.spatial.transform import Rotation
 
         t = problem.t
-        states = [values.atNavState(X(k)) for k in range(len(t))]
-        R_nb = np.array([state.attitude().matrix() for state in states])
-        v_n = np.array([state.velocity() for state in states])
+        R_nb, _, v_n = parts(values.atNavState(X(k)) for k in range(len(t)))
         a, b = (
             np.clip(np.arange(len(t)) - 1, 0, None),
             np.clip(np.arange(len(t)) + 1, None, len(t) - 1),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 
 import gtsam_nav as gn
 from gtsam_nav.frames import rpy_from_quaternion
+from gtsam_nav.graph.measurements.edges import left_open
 from gtsam_nav.solution import Solution
 
 SIDE = 3
@@ -54,9 +56,22 @@ def poses_of(solution: Solution) -> Any:
     return values
 
 
-def test_the_optimum_is_that_of_plain_least_squares(square: Path) -> None:
-    ours = poses_of(solved(square, *LEAST_SQUARES))
-    graph, _ = gtsam.readG2o(str(square), False)
+@pytest.fixture(scope="module")
+def open_square(square: Path) -> Path:
+    """The same, where no edge joins two poses that follow each other: closures hold them."""
+    lines = square.read_text().splitlines(keepends=True)
+    path = square.with_name("open.g2o")
+    path.write_text("".join(line for line in lines if not line.startswith("EDGE_SE2 4 5 ")))
+    return path
+
+
+@pytest.mark.parametrize("name", ["square", "open_square"])
+def test_the_optimum_is_that_of_plain_least_squares(
+    name: str, request: pytest.FixtureRequest
+) -> None:
+    path = request.getfixturevalue(name)
+    ours = poses_of(solved(path, *LEAST_SQUARES))
+    graph, _ = gtsam.readG2o(str(path), False)
     anchored = gtsam.NonlinearFactorGraph(graph)
     anchored.push_back(gtsam.NonlinearEqualityPose2(0, ours.atPose2(0)))
     best = graph.error(gtsam.LevenbergMarquardtOptimizer(anchored, ours).optimize())
@@ -73,6 +88,26 @@ def test_every_closure_is_used_and_told(square: Path) -> None:
     assert first.weight > 0.1
     assert solution.pose_graph is not None
     assert len(solution.pose_graph.edges) == 12 * SIDE
+
+
+def test_no_edge_is_made_up_where_none_joins_two_poses(open_square: Path) -> None:
+    graph = solved(open_square).pose_graph
+    assert graph is not None
+    assert len(graph.edges) == 12 * SIDE - 1
+    assert (4, 5) not in {(edge.a, edge.b) for edge in graph.edges}
+
+
+def test_an_interval_is_left_open_where_edges_lead_round_it_and_nothing_was_measured(
+    open_square: Path,
+) -> None:
+    mission = gn.open_mission(open_square)
+    assert mission.edges is not None
+    t = np.unique(mission.edges.t)
+    np.testing.assert_array_equal(np.flatnonzero(left_open(t, mission)), [4])
+    few = replace(mission, edges=mission.edges.crop(0.0, SIDE + 0.5))
+    assert not np.any(left_open(t, few))
+    halfway = np.insert(t, 1, 0.25)  # no edge leads there
+    np.testing.assert_array_equal(np.flatnonzero(left_open(halfway, mission)), [])
 
 
 def test_what_is_exported_reads_back_as_its_own_optimum(square: Path, tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.graph.scan_matching import LOOP
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.edge_motion import moves_by_edges
+from gtsam_nav.preprocess.motion import velocity_sensor
 from gtsam_nav.series import BoolArray
 from gtsam_nav.trajectory import SAME_TIME_S
 
@@ -98,6 +99,23 @@ def joined(t_keyframes: Array, mission: Mission) -> BoolArray:
         if not edge.is_loop:
             spanned[min(edge.a, edge.b)] = True
     return spanned
+
+
+def left_open(t_keyframes: Array, mission: Mission) -> BoolArray:
+    """Which intervals between keyframes no reading of the velocity lies in, shape (n - 1,), where
+    edges lead from each keyframe to all others: nothing need be made up for them."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    n, sensor = len(t_keyframes), velocity_sensor(mission)
+    ends = np.array([(edge.a, edge.b) for edge in keyframe_edges(t_keyframes, mission)])
+    if sensor is None or not len(ends):
+        return np.zeros(n - 1, dtype=bool)
+    together = coo_array((np.ones(len(ends)), ends.T.astype(np.int32)), shape=(n, n))
+    if connected_components(together.tocsr(), directed=False)[0] > 1:
+        return np.zeros(n - 1, dtype=bool)
+    before = np.searchsorted(mission.sensors[sensor].series.t, t_keyframes)
+    return np.asarray(np.diff(before) == 0)
 
 
 def add(problem: Problem, mission: Mission, config: Config) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from gtsam_nav.config import Config
 from gtsam_nav.frames import Array, rotation_from_rpy
-from gtsam_nav.graph import factors
+from gtsam_nav.graph import factors, frame_factors
 from gtsam_nav.graph.factors import G, X
 from gtsam_nav.graph.gauss_markov import gauss_markov
 from gtsam_nav.graph.problem import RECEIVER_STRIDE, Problem
@@ -92,7 +92,7 @@ def _with_errors(
     """Fixes of the antenna, less its arm as the body lies at present, with their shared errors."""
 
     def make(rows: Sequence[int], state_at: StateAt) -> list[Any]:
-        R_nb = np.array([state_at(keys[i]).attitude().matrix() for i in rows])
+        R_nb, _, _ = factors.parts(state_at(keys[i]) for i in rows)
         body_n = p_n[rows] - np.einsum("kij,kj->ki", R_nb, arm_b[rows])
         return [
             factors.gnss_with_error(errors[i], keys[i], own_n, noises[i])
@@ -131,10 +131,10 @@ def _add_shared_error(
     for i, k in enumerate(keyframes.tolist()):
         key = error_key(number, k)
         problem.add_variable(k, key, gtsam.NavState())
-        problem.add(k, name, factors.gnss_error_prior(key, float(shared.tie[i])))
+        problem.add(k, name, frame_factors.gnss_error_prior(key, float(shared.tie[i])))
         if i:
             previous = error_key(number, int(keyframes[i - 1]))
-            link = factors.gnss_error_link(previous, key, float(shared.link[i - 1]))
+            link = frame_factors.gnss_error_link(previous, key, float(shared.link[i - 1]))
             problem.add(k, name, link)
 
 

@@ -9,11 +9,10 @@ import numpy as np
 
 from gtsam_nav.config import Config
 from gtsam_nav.frames import Array
-from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import B
 from gtsam_nav.graph.measurements.orientation import add_unmeasured_turn
 from gtsam_nav.graph.measurements.velocity import add_velocity
-from gtsam_nav.graph.preintegration import InertialStep
+from gtsam_nav.graph.preintegration import InertialStep, imu_parameters
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.motion import measures_velocity
@@ -56,10 +55,10 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
     _add_biases(problem, imu)
     readings = _readings_between(imu, problem.t)
     gravity_n = gravity_at(problem.p_n, mission.origin)
-    parameters = factors.imu_parameters(imu, mission.origin)
+    parameters = imu_parameters(imu, mission.origin)
     walking = None
     if config.graph.imu_preintegration == "combined":
-        walking = factors.imu_parameters(imu, mission.origin, combined=True)
+        walking = imu_parameters(imu, mission.origin, combined=True)
     covered = _covered(series, problem.t)
     has_tilt = mission.first("attitude") is not None
     for k in range(1, len(problem.t)):

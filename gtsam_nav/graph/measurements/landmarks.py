@@ -15,7 +15,7 @@ import numpy as np
 
 from gtsam_nav.config import Config
 from gtsam_nav.frames import Array, rotation_from_rpy
-from gtsam_nav.graph import factors
+from gtsam_nav.graph import factors, frame_factors
 from gtsam_nav.graph.factors import L, S, X
 from gtsam_nav.graph.measurements.sightings import Seen, SightingFactors
 from gtsam_nav.graph.problem import Problem
@@ -187,7 +187,7 @@ class Sightings:
         key = int(S(len(self.problem.range_scales)))
         self.problem.range_scales[self.sensor.name] = key
         self.problem.add_variable(0, key, factors.nav_state(np.eye(3), np.zeros(3), np.zeros(3)))
-        prior = factors.range_scale_prior(key, self.noise.range_scale_sigma)
+        prior = frame_factors.range_scale_prior(key, self.noise.range_scale_sigma)
         self.problem.add(0, self.sensor.name, prior)
         return key
 
@@ -215,7 +215,7 @@ def _enter(problem: Problem, own: Sightings, landmark: int, entry: Entry | str) 
     key = int(L(len(problem.landmarks)))
     problem.landmarks[landmark] = key
     problem.variables[entry.k].append((key, entry.first))
-    prior = factors.landmark_prior(key, entry.p_n, entry.sigma)
+    prior = frame_factors.landmark_prior(key, entry.p_n, entry.sigma)
     problem.add(entry.k, own.sensor.name, prior)
     if own.is_level(landmark):
         problem.level_landmarks.add(landmark)

@@ -10,7 +10,7 @@ import numpy as np
 
 from gtsam_nav.config import Config
 from gtsam_nav.frames import Array, rotation_from_rpy, wrap_angle
-from gtsam_nav.graph import factors
+from gtsam_nav.graph import factors, frame_factors
 from gtsam_nav.graph.factors import M, X
 from gtsam_nav.graph.gauss_markov import gauss_markov
 from gtsam_nav.graph.problem import Problem
@@ -34,8 +34,9 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
         add_one = _add_orientations if measures_tilt else _add_headings
         add_one(problem, mission, config)
     elif measures_tilt and not problem.planar:
+        tilt, sigma = tilt_at(mission, problem.t)
         for k in range(len(problem.t)):
-            _add_tilt(problem, mission, k, config)
+            _add_tilt(problem, mission, k, tilt[k], float(sigma[k]), config)
 
 
 def _add_compass(problem: Problem, mission: Mission) -> None:
@@ -47,7 +48,9 @@ def _add_compass(problem: Problem, mission: Mission) -> None:
         return
     constant = M(len(problem.t))
     problem.add_variable(0, constant, gtsam.NavState())
-    problem.add(0, "heading", factors.compass_prior(constant, np.radians(noise.bias_sigma_deg)))
+    problem.add(
+        0, "heading", frame_factors.compass_prior(constant, np.radians(noise.bias_sigma_deg))
+    )
     problem.compass = [constant] * len(problem.t)
     if noise.disturbance_sigma_deg == 0:
         return
@@ -56,10 +59,10 @@ def _add_compass(problem: Problem, mission: Mission) -> None:
     problem.compass = [M(k) for k in range(len(problem.t))]
     for k in range(len(problem.t)):
         problem.variables[k].append((M(k), _frame_before(k)))
-        problem.add(k, "heading", factors.compass_pin(M(k)))
-        problem.add(k, "heading", factors.compass_link(constant, M(k), disturbance.tie[k]))
+        problem.add(k, "heading", frame_factors.compass_pin(M(k)))
+        problem.add(k, "heading", frame_factors.compass_link(constant, M(k), disturbance.tie[k]))
         if k:
-            link = factors.compass_link(M(k - 1), M(k), disturbance.link[k - 1])
+            link = frame_factors.compass_link(M(k - 1), M(k), disturbance.link[k - 1])
             problem.add(k, "heading", link)
 
 
@@ -79,7 +82,7 @@ def _add_orientations(problem: Problem, mission: Mission, config: Config) -> Non
             factor = factors.orientation(problem.compass_at(k), X(k), R_measured[k], sigmas)
             problem.add_gated(k, "heading", int(row[k]), factor, config.graph.robust.heading)
         else:
-            _add_tilt(problem, mission, k, config)
+            _add_tilt(problem, mission, k, tilt[k], float(sigma_tilt[k]), config)
             add_unmeasured_turn(problem, k)
 
 
@@ -89,7 +92,7 @@ def _add_headings(problem: Problem, mission: Mission, config: Config) -> None:
     measured = list(zip(yaw.tolist(), sigma.tolist(), strict=True))
 
     def make(rows: Sequence[int], state_at: StateAt) -> list[Any]:
-        R_nb = [state_at(X(k)).attitude().matrix() for k in rows]
+        R_nb, _, _ = factors.parts(state_at(X(k)) for k in rows)
         return [
             factors.heading(problem.compass_at(k), X(k), measured[k][0], R, measured[k][1])
             for k, R in zip(rows, R_nb, strict=True)
@@ -112,9 +115,9 @@ def add_unmeasured_turn(problem: Problem, k: int) -> None:
     """Ties the yaw of a keyframe without a reading loosely to its neighbours'."""
     for a, b in ((k - 1, k), (k, k + 1)):
         if a >= 0 and b < len(problem.t):
-            R_ab, _ = problem.increment(a, b)
+            R_ab, _ = problem.increments
             precision = 1.0 / (UNMEASURED_TURN_RAD2_S * (problem.t[b] - problem.t[a]))
-            problem.add(b, "heading", factors.turn(X(a), X(b), R_ab, precision))
+            problem.add(b, "heading", factors.turn(X(a), X(b), R_ab[a], precision))
 
 
 def _averaged_headings(problem: Problem, mission: Mission) -> tuple[Array, Array, IntArray]:
@@ -141,11 +144,11 @@ def _averaged_headings(problem: Problem, mission: Mission) -> tuple[Array, Array
     return heading, np.where(count > 0, sigma, np.inf), headings.row[first]
 
 
-def _add_tilt(problem: Problem, mission: Mission, k: int, config: Config) -> None:
+def _add_tilt(
+    problem: Problem, mission: Mission, k: int, tilt: Array, sigma: float, config: Config
+) -> None:
     """Roll and pitch of a keyframe without a heading."""
-    tilt, sigma = tilt_at(mission, problem.t[k : k + 1])
-    rpy = np.array([*tilt[0], 0.0])
-    factor = factors.tilt(X(k), rpy, float(sigma[0]))
+    factor = factors.tilt(X(k), np.array([*tilt, 0.0]), sigma)
     sensor, robustness = mission.first("attitude"), config.graph.robust.attitude
     if sensor is None:
         problem.add(k, "attitude", factor, robustness)

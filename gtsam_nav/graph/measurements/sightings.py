@@ -14,7 +14,7 @@ import numpy as np
 
 from gtsam_nav.frames import Array, skew
 from gtsam_nav.graph import sighting_factors
-from gtsam_nav.graph.factors import X
+from gtsam_nav.graph.factors import X, parts
 from gtsam_nav.graph.readings import StateAt
 from gtsam_nav.graph.sighting_factors import SightingSlopes
 from gtsam_nav.mission import Sensor
@@ -89,13 +89,9 @@ class SightingFactors:
         bodies = [state_at(X(own.k)) for own in some]
         landmarks = [state_at(own.key) for own in some]
         scale = self._scale(state_at)
-        R_nb = np.array([body.attitude().matrix() for body in bodies])
-        apart = [
-            landmark.position() - body.position()
-            for body, landmark in zip(bodies, landmarks, strict=True)
-        ]
+        (R_nb, body_n, _), (_, landmark_n, _) = parts(bodies), parts(landmarks)
         share = 0.0 if scale is None else float(scale.position()[0])
-        at = self._expected(index, R_nb, np.array(apart), share)
+        at = self._expected(index, R_nb, landmark_n - body_n, share)
         sigma = self._arrays["sigma"][index]
         plain = sighting_factors.step_back(at.offset_b, at.by_offset, at.residual)
         roots = sighting_factors.offset_roots(at.by_offset, sigma)
@@ -125,7 +121,8 @@ class SightingFactors:
             "sigma": np.where(np.isnan(polar), 1.0, sigma),
             "R_bs": np.array([own.sensor.R_bs for own in self.seen]),
             "xyz_b": np.array([own.sensor.xyz_b for own in self.seen]),
-            "level": np.array([own.level for own in self.seen], dtype=float),
+            "level": np.array([own.level for own in self.seen], dtype=float)[:, None],
+            "absent": np.isnan(polar),
         }
 
     def _expected(self, index: Any, R_nb: Array, apart_n: Array, scale: float) -> _Expected:
@@ -133,23 +130,23 @@ class SightingFactors:
         R_bs, xyz_b, polar, level = (
             self._arrays[name][index] for name in ("R_bs", "xyz_b", "polar", "level")
         )
-        down_b = R_nb[:, 2]
-        offset_b = np.einsum("nji,nj->ni", R_nb, apart_n)
+        absent, down_b = self._arrays["absent"][index], R_nb[:, 2]
+        offset_b = (apart_n[:, None] @ R_nb)[:, 0]
         counted_b = offset_b - xyz_b
-        deep = level * np.einsum("ni,ni->n", down_b, counted_b)
-        counted_b -= deep[:, None] * down_b
-        values, by_point = _polar(np.einsum("nji,nj->ni", R_bs, counted_b))
+        deep = level * (counted_b[:, None] @ down_b[:, :, None])[:, 0]
+        counted_b -= deep * down_b
+        values, by_point = _polar((counted_b[:, None] @ R_bs)[:, 0])
         by_scale = np.zeros_like(values)
         by_scale[:, 0] = values[:, 0]
         values[:, 0] *= 1.0 + scale
         by_point[:, 0] *= 1.0 + scale
         residual = values - polar
         residual[:, 1:] = (residual[:, 1:] + np.pi) % (2 * np.pi) - np.pi
-        by_point[np.isnan(polar)] = by_scale[np.isnan(polar)] = 0.0
-        residual[~np.any(by_point, axis=2)] = 0.0
-        by_point = by_point @ np.swapaxes(R_bs, 1, 2)
-        along_down = np.einsum("nmi,ni->nm", by_point, down_b) * level[:, None]
-        by_offset = by_point - along_down[:, :, None] * down_b[:, None]
+        by_point[absent] = by_scale[absent] = 0.0
+        residual[~by_point.any(axis=2)] = 0.0
+        by_point = by_point @ R_bs.transpose(0, 2, 1)
+        along_down = by_point @ down_b[:, :, None] * level[:, None]
+        by_offset = by_point - along_down * down_b[:, None]
         return _Expected(offset_b, counted_b, residual, by_scale, by_offset, by_point)
 
     def _leaning(
@@ -177,12 +174,13 @@ def _polar(p_s: Array) -> tuple[Array, Array]:
     x, y, z = p_s.T
     level = np.hypot(x, y)
     distance = np.hypot(level, z)
-    values = np.stack([distance, np.arctan2(y, x), np.arctan2(-z, level)], axis=1)
+    values, jacobian = np.empty_like(p_s), np.zeros((len(p_s), 3, 3))
+    values[:, 0], values[:, 1], values[:, 2] = distance, np.arctan2(y, x), np.arctan2(-z, level)
     far = np.where(distance > NO_DIRECTION_M, distance, np.inf)
     aside = np.where(level > NO_DIRECTION_M, level, np.inf)
-    jacobian = np.zeros((len(p_s), 3, 3))
+    far2, aside2, over = far**2, aside**2, aside * far**2
     jacobian[:, 0] = p_s / far[:, None]
-    jacobian[:, 1, 0], jacobian[:, 1, 1] = -y / aside**2, x / aside**2
-    jacobian[:, 2, 0], jacobian[:, 2, 1] = x * z / (aside * far**2), y * z / (aside * far**2)
-    jacobian[:, 2, 2] = -np.where(np.isfinite(aside), level, 0.0) / far**2
+    jacobian[:, 1, 0], jacobian[:, 1, 1] = -y / aside2, x / aside2
+    jacobian[:, 2, 0], jacobian[:, 2, 1] = x * z / over, y * z / over
+    jacobian[:, 2, 2] = -np.where(level > NO_DIRECTION_M, level, 0.0) / far2
     return values, jacobian

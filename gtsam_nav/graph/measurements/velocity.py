@@ -8,7 +8,7 @@ from gtsam_nav.config import Config
 from gtsam_nav.frames import Array
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import X
-from gtsam_nav.graph.measurements.edges import joined
+from gtsam_nav.graph.measurements.edges import joined, left_open
 from gtsam_nav.graph.problem import ConstantError, Displacement, Problem
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.edge_motion import moves_by_edges
@@ -31,9 +31,9 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
     problem.calibration_sigma = velocity_calibration_sigma(mission)
     within_s, current_sigma = _through_water(problem, mission, config)
     moved_m = current_sigma * np.sum(within_s, axis=0)
-    stated = joined(problem.t, mission)
+    by_edges = joined(problem.t, mission) | left_open(problem.t, mission)
     turns = not problem.uses_imu and not problem.has_compass
-    _add_increments(problem, config, turns, moved_m, stated)
+    _add_increments(problem, config, turns, moved_m, by_edges)
     _add_currents(problem, within_s, current_sigma)
     if not problem.uses_imu:
         _add_velocities(problem, config)
@@ -72,24 +72,23 @@ def _add_currents(problem: Problem, within_s: Array, sigma: float) -> None:
 
 
 def _add_increments(
-    problem: Problem, config: Config, yaw_by_motion: bool, moved_m: Array, stated: BoolArray
+    problem: Problem, config: Config, yaw_by_motion: bool, moved_m: Array, by_edges: BoolArray
 ) -> None:
-    """Displacements, but where an edge states them, shape (n - 1,).
+    """Displacements, but where edges alone tell them, shape (n - 1,).
 
     Changes of the water's motion may move each by ``moved_m``, shape (n - 1,).
     """
     motion = problem.motion
     variance = motion.displacement_variance(problem.t[:-1], problem.t[1:])
-    for k in (1 + np.flatnonzero(~stated)).tolist():
-        dt = problem.t[k] - problem.t[k - 1]
-        R_ab, p_a = problem.increment(k - 1, k)
-        sigma_p = float(np.hypot(np.sqrt(variance[k - 1]), moved_m[k - 1]))
-        rotation = np.zeros(3)
-        if yaw_by_motion:
-            rotation[2] = 1.0 / (motion.yaw_variance_rad2_s * dt)
-        factor = factors.increment(X(k - 1), X(k), R_ab, p_a, rotation, sigma_p)
-        entry = problem.add(k, "velocity", factor, config.graph.robust.velocity)
-        problem.displacements.append(Displacement(k, R_ab, p_a, entry))
+    sigma_p = np.sqrt(variance + moved_m**2).tolist()
+    rotation = np.zeros((len(variance), 3))
+    if yaw_by_motion:
+        rotation[:, 2] = 1.0 / (motion.yaw_variance_rad2_s * np.diff(problem.t))
+    R_ab, p_a = problem.increments
+    for i in np.flatnonzero(~by_edges).tolist():
+        factor = factors.increment(X(i), X(i + 1), R_ab[i], p_a[i], rotation[i], sigma_p[i])
+        entry = problem.add(i + 1, "velocity", factor, config.graph.robust.velocity)
+        problem.displacements.append(Displacement(i + 1, R_ab[i], p_a[i], entry))
 
 
 def _add_velocities(problem: Problem, config: Config) -> None:
