@@ -209,7 +209,7 @@ def _turned_into_n(system: LinearSystem, keyframes: IntArray) -> Any:
     first = (starts[:, None] + np.array([0, 3, 6])).ravel()
     rows = np.repeat(first[:, None] + np.arange(3), 3, axis=1).ravel()
     across = np.tile(first[:, None] + np.arange(3), (1, 3)).ravel()
-    rest = np.setdiff1d(np.arange(n), rows)
+    rest = np.flatnonzero(np.bincount(rows, minlength=n) == 0)
     entries = np.concatenate([np.repeat(R_nb, 3, axis=0).ravel(), np.ones(len(rest))])
     places = (np.concatenate([rows, rest]), np.concatenate([across, rest]))
     return coo_array((entries, places), shape=(n, n)).tocsr()
