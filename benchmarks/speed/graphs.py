@@ -60,9 +60,9 @@ class Recorder:
         self._isam = isam
         self.updates: list[tuple[Any, Any]] = []
 
-    def update(self, graph: Any, values: Any) -> Any:
+    def update(self, graph: Any, values: Any, **options: Any) -> Any:
         self.updates.append((graph, values))
-        return self._isam.update(graph, values)
+        return self._isam.update(graph, values, **options)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._isam, name)

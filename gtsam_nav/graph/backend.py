@@ -26,6 +26,11 @@ RELINEARIZE_TURN_RAD, RELINEARIZE_MOVE = 0.05, 0.5
 """iSAM2 linearises a state anew once it has turned so far, or moved (m, m/s): residuals bend with
 turns, and are all but straight in positions."""
 RELINEARIZE_BIAS = 0.05
+RELINEARIZE_EVERY = 10
+"""Updates after which all states are solved for, and looked at for that: it takes as long as the
+mission is. Between them the latest ones are told by their marginals."""
+JUMP_RAD, JUMP_M = 0.15, 1.5
+"""Where the latest state has turned or moved so far from its prediction, all are looked at next."""
 LEAST_CHANGE = 0.01
 """iSAM2 follows a change of its estimate (m, m/s, rad) backward in time until it is smaller: the
 latest states are solved for in any case."""
@@ -64,6 +69,8 @@ class Backend:
         self.problem = problem
         self._by_qr, self._fresh_starts = problem.is_stiff, 0
         self._isam = _isam2(self._by_qr)
+        # a pose graph's closures bend it as a whole
+        self._bends = self._has_jumped = problem.is_pose_graph
         self._new_factors = gtsam.NonlinearFactorGraph()
         self._new_values = gtsam.Values()
         self._new_readings: list[Reading] = []
@@ -93,7 +100,12 @@ class Backend:
     def _state_at(self, key: int) -> Any:
         if self._new_values.exists(key):
             return self._new_values.atNavState(key)
-        return self._isam.calculateEstimateNavState(key)
+        return self._nav_state(key)
+
+    def _linearised_at(self, key: int) -> Any:
+        """Where iSAM2 linearises a state that a reading is of: GTSAM's own factors are made so."""
+        new = self._new_values.exists(key)
+        return (self._new_values if new else self._isam.getLinearizationPoint()).atNavState(key)
 
     def add_factor(self, entry: SensorFactor) -> None:
         """Queue one factor."""
@@ -102,11 +114,12 @@ class Backend:
     def update(self) -> None:
         """Let iSAM2 take in what is queued."""
         readings, self._new_readings = self._new_readings, []
-        for reading, factor in zip(readings, made(readings, self._state_at), strict=True):
+        for reading, factor in zip(readings, made(readings, self._linearised_at), strict=True):
             robustness = DOUBTED if reading.is_gated else reading.robustness.at_first
             self._new_factors.add(factors.robust(factor, robustness))
+        anew, self._has_jumped = self._has_jumped, self._bends
         try:
-            self._isam.update(self._new_factors, self._new_values)
+            self._isam.update(self._new_factors, self._new_values, force_relinearize=anew)
         except RuntimeError as error:
             self._begin_anew(error)
         self._new_factors = gtsam.NonlinearFactorGraph()
@@ -139,14 +152,41 @@ class Backend:
 
     def state(self, k: int) -> Any:
         """Current estimate of keyframe k, from which the next one is predicted."""
-        self._last_state = self._isam.calculateEstimateNavState(X(k))
+        self._last_state = self._nav_state(X(k))
+        begun = self._isam.getLinearizationPoint().atNavState(X(k))
+        turned, moved = np.split(np.abs(begun.localCoordinates(self._last_state)[:6]), 2)
+        self._has_jumped |= bool(np.max(turned) > JUMP_RAD or np.max(moved) > JUMP_M)
         if self.problem.uses_imu:
-            self._last_bias = self._isam.calculateEstimateConstantBias(B(k))
+            self._last_bias = self._bias(B(k))
         return self._last_state
 
     def peek(self, k: int) -> Any:
         """Current estimate of any keyframe, without predicting from it."""
         return self._isam.calculateEstimateNavState(X(k))
+
+    def _nav_state(self, key: int) -> Any:
+        """Current estimate of one state: to solve for all of them takes as long as the mission."""
+        step = self._step(key)
+        if step is None:
+            return self._isam.calculateEstimateNavState(key)
+        return self._isam.getLinearizationPoint().atNavState(key).retract(step)
+
+    def _bias(self, key: int) -> Any:
+        """The same of an IMU's bias."""
+        step = self._step(key)
+        if step is None:
+            return self._isam.calculateEstimateConstantBias(key)
+        return self._isam.getLinearizationPoint().atConstantBias(key).retract(step)
+
+    def _step(self, key: int) -> Array | None:
+        """Mean of a state's marginal, from where it was linearised; by Cholesky or not at all."""
+        if self._by_qr:
+            return None
+        try:
+            marginal = self._isam.marginalFactor(key)
+        except RuntimeError:
+            return None
+        return np.asarray(marginal.solve(gtsam.VectorValues()).at(key))
 
     def covariance(self, k: int) -> Array:
         """Marginal covariance (9, 9) of keyframe k in its tangent space."""
@@ -156,10 +196,7 @@ class Backend:
         """Covariances (6, 6) of (dn, de, dyaw) of each of some keyframes and of keyframe b."""
         keys = [X(k) for k in (*earlier, b)]
         marginal = self._asked(lambda isam: isam.jointMarginalCovariance(keys))
-        S = {
-            k: planar_rows(self._isam.calculateEstimateNavState(X(k)).attitude().matrix())
-            for k in (*earlier, b)
-        }
+        S = {k: planar_rows(self.peek(k).attitude().matrix()) for k in (*earlier, b)}
 
         def block(k: int, m: int) -> Array:
             return np.asarray(S[k] @ marginal.at(X(k), X(m)) @ S[m].T)
@@ -191,7 +228,7 @@ def _isam2(is_stiff: bool) -> Any:
         thresholds.insert((kind, np.repeat([RELINEARIZE_TURN_RAD, RELINEARIZE_MOVE], [3, 6])))
     thresholds.insert(("b", np.full(6, RELINEARIZE_BIAS)))
     parameters.setRelinearizeThreshold(thresholds)
-    parameters.relinearizeSkip = 1
+    parameters.relinearizeSkip = 1 if is_stiff else RELINEARIZE_EVERY
     parameters.setOptimizationParams(gtsam.ISAM2GaussNewtonParams(LEAST_CHANGE))
     if is_stiff:
         parameters.setFactorization("QR")

@@ -49,7 +49,7 @@ def nested_dissection(adjacent: Any, place: Array, width: IntArray) -> Fronts:
     Parameters
     ----------
     adjacent : scipy.sparse.csr_array, shape (n, n)
-        Symmetric pattern of ones.
+        Symmetric pattern, of positive integers.
     place : ndarray, shape (n, d)
         Coordinates, of which time may be one; all NaN for nodes that lie nowhere and touch nodes
         everywhere: they are eliminated last.
@@ -80,9 +80,8 @@ def fronts_of(matrix: Any, node: IntArray, place: Array) -> tuple[list[IntArray]
 
     n = len(place)
     entries = matrix.tocoo()
-    pairs = np.unique(node[entries.row] * n + node[entries.col])
-    ones = np.ones(len(pairs), dtype=np.int32)
-    adjacent = coo_array((ones, (pairs // n, pairs % n)), shape=(n, n)).tocsr()
+    ones = np.ones(len(entries.row), dtype=np.int32)
+    adjacent = coo_array((ones, (node[entries.row], node[entries.col])), shape=(n, n)).tocsr()
     width = np.bincount(node, minlength=n)
     fronts = nested_dissection(adjacent, place, width)
     by_node = np.split(np.argsort(node, kind="stable"), np.cumsum(width)[:-1])

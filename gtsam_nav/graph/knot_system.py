@@ -21,10 +21,11 @@ from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.multifrontal import Factor, pattern_of
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.sensor_posterior import (
+    UNDETERMINED,
     Constants,
     LinearSystem,
     constants_given,
-    keyframe_of,
+    keyframes_of_columns,
     linearised,
 )
 from gtsam_nav.series import BoolArray, IntArray
@@ -76,7 +77,7 @@ class KnotSystem:
         self.keys = {X(k) for k in keyframes.tolist()}
         self.turn = _turned_into_n(self.system, keyframes)
         H = (self.turn @ self.system.H @ self.turn.T).tocsc()
-        keyframe = _keyframes_of_columns(self.system, len(problem.t))
+        keyframe = keyframes_of_columns(self.system, len(problem.t))
         # a variable's covariance is wanted whole, whether its parts touch or not
         own = [np.arange(c.start, c.stop) for c in self.system.columns.values()]
         meeting = abs(H) + pattern_of(own, len(self.system.g))
@@ -208,20 +209,10 @@ def _turned_into_n(system: LinearSystem, keyframes: IntArray) -> Any:
     first = (starts[:, None] + np.array([0, 3, 6])).ravel()
     rows = np.repeat(first[:, None] + np.arange(3), 3, axis=1).ravel()
     across = np.tile(first[:, None] + np.arange(3), (1, 3)).ravel()
-    rest = np.setdiff1d(np.arange(n), rows)
+    rest = np.flatnonzero(np.bincount(rows, minlength=n) == 0)
     entries = np.concatenate([np.repeat(R_nb, 3, axis=0).ravel(), np.ones(len(rest))])
     places = (np.concatenate([rows, rest]), np.concatenate([across, rest]))
     return coo_array((entries, places), shape=(n, n)).tocsr()
-
-
-def _keyframes_of_columns(system: LinearSystem, n_keyframes: int) -> IntArray:
-    """Keyframe that each column belongs to, -1 for what belongs to none; shape (N,)."""
-    keyframe = np.full(len(system.g), -1)
-    for key, own in system.columns.items():
-        k = keyframe_of(key)
-        if k < n_keyframes:
-            keyframe[own] = k
-    return keyframe
 
 
 def _between(H: Any, keyframe: IntArray, knots: IntArray, n_keyframes: int) -> BoolArray:
@@ -260,4 +251,4 @@ def _eliminated(matrix: Any, columns: list[IntArray], parent: list[int], meeting
     try:
         return Factor(matrix, columns, parent, meeting)
     except np.linalg.LinAlgError as error:
-        raise EstimationError("the sensors do not determine the trajectory") from error
+        raise EstimationError(UNDETERMINED) from error

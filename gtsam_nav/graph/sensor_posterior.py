@@ -16,7 +16,9 @@ import numpy as np
 from gtsam_nav.errors import EstimationError
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.backend import planar_rows
+from gtsam_nav.graph.dissection import fronts_of
 from gtsam_nav.graph.factors import X
+from gtsam_nav.graph.multifrontal import Factor
 from gtsam_nav.graph.problem import RECEIVER_STRIDE, Problem
 from gtsam_nav.series import IntArray
 
@@ -32,10 +34,9 @@ TANGENTS = {
     "s": (9, slice(3, 4)),
 }
 """Width of a kind of variable's tangent, and which part of it is free: a keyframe's whole."""
+UNDETERMINED = "the sensors do not determine the trajectory"
 PINNED, RIGHT_SIDE = -1, -2
 """Columns of GTSAM's own that are none of the system's."""
-ENTRIES_AT_ONCE = 4_000_000
-"""Of a covariance's columns: all of them take the memory of the mission's length squared."""
 
 
 @dataclass(frozen=True)
@@ -192,20 +193,47 @@ def sensor_posterior(
             options={"SymmetricMode": True},
         )
     except RuntimeError as error:
-        raise EstimationError("the sensors do not determine the trajectory") from error
+        raise EstimationError(UNDETERMINED) from error
     x, U = factor.solve(system.g), factor.solve(system.h)
     constants = constants_given(system, system.h, x, U)
     spread = np.asarray(U @ np.linalg.cholesky(constants.cov))
     selection = _planar_selection(system, keyframes)
-    planar_cov = np.empty((selection.shape[1],) * 2)
-    at_once = max(1, ENTRIES_AT_ONCE // len(system.g))
-    for first in range(0, selection.shape[1], at_once):
-        some = slice(first, first + at_once)
-        planar_cov[:, some] = selection.T @ factor.solve(selection[:, some].toarray())
     planar_spread = selection.T @ spread
-    planar_cov += planar_spread @ planar_spread.T
-    planar_cov = 0.5 * (planar_cov + planar_cov.T)
+    planar_cov = _of_inverse(system, selection, len(problem.t)) + planar_spread @ planar_spread.T
     return SensorPosterior(system, x - U @ constants.mean, constants, spread, planar_cov)
+
+
+def _of_inverse(system: LinearSystem, selection: Any, n_keyframes: int) -> Array:
+    """``selection' H^-1 selection``: all columns that it leaves out are eliminated first.
+
+    Without closures time is all that joins keyframes, so that halves of it make narrow fronts.
+    """
+    from scipy.linalg import cholesky, solve_triangular
+
+    if not selection.shape[1]:
+        return np.empty((0, 0))
+    kept = np.unique(selection.nonzero()[0])
+    rest = np.setdiff1d(np.arange(len(system.g)), kept)
+    keyframe, node = np.unique(keyframes_of_columns(system, n_keyframes)[rest], return_inverse=True)
+    place = np.where(keyframe >= 0, keyframe, np.nan)[:, None]
+    fronts, parent = fronts_of(system.H[rest][:, rest], node, place)
+    try:
+        factor = Factor(system.H, [rest[own] for own in fronts], parent)
+        L = cholesky(factor.remainder(system.H).toarray(), lower=True, check_finite=False)
+    except np.linalg.LinAlgError as error:
+        raise EstimationError(UNDETERMINED) from error
+    W = solve_triangular(L, selection[kept].toarray(), lower=True, check_finite=False)
+    return np.asarray(W.T @ W)
+
+
+def keyframes_of_columns(system: LinearSystem, n_keyframes: int) -> IntArray:
+    """Keyframe that each column belongs to, -1 for what belongs to none; shape (N,)."""
+    keyframe = np.full(len(system.g), -1)
+    for key, own in system.columns.items():
+        k = keyframe_of(key)
+        if k < n_keyframes:
+            keyframe[own] = k
+    return keyframe
 
 
 def _planar_selection(system: LinearSystem, keyframes: IntArray) -> Any:

@@ -12,7 +12,7 @@ import pytest
 from gtsam_nav.config import Config
 from gtsam_nav.frames import Array
 from gtsam_nav.graph import backend as backend_module
-from gtsam_nav.graph.backend import Backend, graph_of, planar_rows
+from gtsam_nav.graph.backend import JUMP_M, LEAST_CHANGE, Backend, graph_of, planar_rows
 from gtsam_nav.graph.factors import B, M, X
 from gtsam_nav.graph.keyframes import keyframe_times
 from gtsam_nav.graph.measurements import build_problem
@@ -107,8 +107,8 @@ class Failing:
     def __init__(self, isam: Any) -> None:
         self._isam, self._updates = isam, 0
 
-    def update(self, graph: Any, values: Any) -> None:
-        self._isam.update(graph, values)
+    def update(self, graph: Any, values: Any, **options: Any) -> None:
+        self._isam.update(graph, values, **options)
         self._updates += 1
         if self._updates == 3:
             raise RuntimeError("Indeterminate linear system")
@@ -153,3 +153,55 @@ def test_a_longer_mission_hands_more_keyframes_over_at_once(
     assert len(updates) == 3
     assert updates[-1] == 0
     assert 0 < updates[1] <= updates[0]
+
+
+class Untold:
+    """An iSAM2 that gives no state's marginal, and remembers when it had to look at all states."""
+
+    def __init__(self, isam: Any) -> None:
+        self._isam = isam
+        self.looked: list[bool] = []
+
+    def update(self, graph: Any, values: Any, *, force_relinearize: bool) -> None:
+        self.looked.append(force_relinearize)
+        self._isam.update(graph, values, force_relinearize=force_relinearize)
+
+    def marginalFactor(self, key: int) -> Any:  # noqa: N802
+        raise RuntimeError(f"Indeterminate linear system near {key}")
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._isam, name)
+
+
+def watched(monkeypatch: pytest.MonkeyPatch) -> list[Untold]:
+    """The iSAM2s that are made from here on."""
+    made: list[Untold] = []
+    plain = backend_module._isam2
+    monkeypatch.setattr(
+        backend_module, "_isam2", lambda stiff: made.append(Untold(plain(stiff))) or made[-1]
+    )
+    return made
+
+
+def test_a_state_by_its_marginal_is_that_of_all_states(monkeypatch: pytest.MonkeyPatch) -> None:
+    mission = simulate("marina", seed=3, duration_s=40.0).without("sonar")
+    by_marginals = online_positions(mission)
+    made = watched(monkeypatch)
+    np.testing.assert_allclose(online_positions(mission), by_marginals, atol=LEAST_CHANGE)
+    assert len(made) == 1
+
+
+def test_after_a_jump_all_states_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = watched(monkeypatch)
+    mission = simulate("marina", seed=3, duration_s=40.0).without("sonar")
+    online_positions(mission)
+    assert not any(made[0].looked)
+    predicted = Problem.predicted
+
+    def beside(self: Problem, k: int, before: Any, bias: Any) -> Any:
+        state = predicted(self, k, before, bias)
+        return state.retract(np.eye(9)[3] * 2.0 * JUMP_M) if k == 1 else state
+
+    monkeypatch.setattr(Problem, "predicted", beside)
+    online_positions(mission)
+    assert made[1].looked[:3] == [False, True, False]

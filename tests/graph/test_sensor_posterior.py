@@ -155,11 +155,10 @@ def test_covariances_of_the_sensors_alone_equal_the_dense_ones(case: Case) -> No
         assert_same_covariance(cov, dense.cov[own, own], 2e-3)
 
 
-def test_covariance_does_not_depend_on_how_many_columns_are_solved_at_once(
+def test_covariance_does_not_depend_on_how_finely_time_is_divided(
     case: Case, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    few = 5 * len(case.posterior.system.g)
-    monkeypatch.setattr("gtsam_nav.graph.sensor_posterior.ENTRIES_AT_ONCE", few)
+    monkeypatch.setattr("gtsam_nav.graph.dissection.LARGEST_UNDIVIDED", 1)
     again = sensor_posterior(case.graph, case.values, KNOTS, case.problem)
     assert_same_covariance(again.planar_cov, case.posterior.planar_cov, 1e-9)
 
