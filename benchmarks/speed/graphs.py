@@ -59,9 +59,11 @@ class Recorder:
     def __init__(self, isam: Any) -> None:
         self._isam = isam
         self.updates: list[tuple[Any, Any]] = []
+        self.options: list[dict[str, Any]] = []
 
     def update(self, graph: Any, values: Any, **options: Any) -> Any:
         self.updates.append((graph, values))
+        self.options.append(options)
         return self._isam.update(graph, values, **options)
 
     def __getattr__(self, name: str) -> Any:
@@ -129,9 +131,9 @@ def _once(mission: Mission, config: Config, recorder: Recorder) -> dict[str, flo
     marks = [time.process_time()]
     online = run_online(problem, None, NO_SCANS, config, no_progress)
     marks.append(time.process_time())
-    _replay(recorder.updates, problem, step)
+    _replay(recorder.updates, recorder.options, problem, step)
     marks.append(time.process_time())
-    _replay((recipe.made() for recipe in recipes), problem, step)
+    _replay((recipe.made() for recipe in recipes), recorder.options, problem, step)
     marks.append(time.process_time())
     _preintegrate(problem)
     marks.append(time.process_time())
@@ -162,10 +164,10 @@ def _timed_solves() -> Iterator[list[float]]:
     """Seconds of each solve of a batch."""
     plain, seconds = settling.solve_batch, []
 
-    def timed(*given: Any) -> Any:
+    def timed(*given: Any, **options: Any) -> Any:
         begin = time.process_time()
         try:
-            return plain(*given)
+            return plain(*given, **options)
         finally:
             seconds.append(time.process_time() - begin)
 
@@ -220,10 +222,15 @@ def _noise_of(factor: Any) -> Callable[[], Any] | None:
     return lambda: kinds.Robust.Create(kernel, make())
 
 
-def _replay(updates: Iterable[tuple[Any, Any]], problem: Problem, step: int) -> None:
+def _replay(
+    updates: Iterable[tuple[Any, Any]],
+    options: Iterable[dict[str, Any]],
+    problem: Problem,
+    step: int,
+) -> None:
     isam = backend._isam2(problem.is_stiff)
-    for k, (graph, values) in enumerate(updates):
-        isam.update(graph, values)
+    for k, ((graph, values), told) in enumerate(zip(updates, options, strict=True)):
+        isam.update(graph, values, **told)
         for j in range(k * step, min((k + 1) * step, len(problem.t))):
             isam.calculateEstimateNavState(X(j))
             isam.marginalCovariance(X(j))
