@@ -1,9 +1,9 @@
 """The augmented state of the pose filter: the poses of all scans, with their joint covariance.
 
-Mallios et al. 2014, section 4.3; and ahead of them one constant, the share by which the ways
-between matched scans are too short, which the paper takes for zero. A measurement is of two poses
-and that, so that an update costs one pass over the covariance: three columns of ``P H'``, and a
-correction of rank six.
+Mallios et al. 2014, section 4.3; and ahead of them two constants that the paper takes for zero: the
+share by which the ways between matched scans are too short, and the angle by which dead-reckoned
+ones must be turned. A measurement is of two poses and the first, so that an update costs one pass
+over the covariance: three columns of ``P H'``, and a correction of rank six.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from gtsam_nav.ekf.compounding import tail_to_tail
 from gtsam_nav.errors import EstimationError
 from gtsam_nav.frames import Array, wrap_angle
 
-SCALE = 0
-"""Entry of the scale."""
+SCALE, MISALIGNMENT, CONSTANTS = 0, 1, 2
+"""Entries of the constants, and their number."""
 LEAST_CONDITION = 1e-12
 """Of an innovation covariance, smallest over largest variance, that can still be inverted."""
 
@@ -32,12 +32,22 @@ class AugmentedState:
     cov : ndarray, shape (3, 3)
     scale_sigma : float
         Spread of the share by which the ways between matched scans are too short.
+    misalignment_sigma : float
+        Spread of the angle by which dead-reckoned ways must be turned, rad.
     """
 
-    def __init__(self, capacity: int, pose: Array, cov: Array, scale_sigma: float = 0.0) -> None:
-        self._x = np.zeros(1 + 3 * capacity)
-        self._P = np.zeros((1 + 3 * capacity, 1 + 3 * capacity))
+    def __init__(
+        self,
+        capacity: int,
+        pose: Array,
+        cov: Array,
+        scale_sigma: float = 0.0,
+        misalignment_sigma: float = 0.0,
+    ) -> None:
+        size = CONSTANTS + 3 * capacity
+        self._x, self._P = np.zeros(size), np.zeros((size, size))
         self._P[SCALE, SCALE] = scale_sigma**2
+        self._P[MISALIGNMENT, MISALIGNMENT] = misalignment_sigma**2
         self._x[_of(0)], self._P[_of(0), _of(0)] = pose, cov
         self._n = 1
 
@@ -47,13 +57,17 @@ class AugmentedState:
     @property
     def poses(self) -> Array:
         """Shape (n, 3), a copy."""
-        return self._x[1 : 1 + 3 * self._n].reshape(-1, 3).copy()
+        return self._x[CONSTANTS : self._size].reshape(-1, 3).copy()
+
+    @property
+    def misalignment(self) -> float:
+        """By which dead-reckoned ways must be turned, rad."""
+        return float(self._x[MISALIGNMENT])
 
     @property
     def cov(self) -> Array:
         """Joint covariance of all poses, shape (3 n, 3 n), a copy."""
-        size = 1 + 3 * self._n
-        return self._P[1:size, 1:size].copy()
+        return self._P[CONSTANTS : self._size, CONSTANTS : self._size].copy()
 
     @property
     def marginals(self) -> Array:
@@ -70,7 +84,9 @@ class AugmentedState:
         J, entries = np.hstack([J_a, J_b]), np.r_[_of(a), _of(b)]
         return q, J @ self._P[np.ix_(entries, entries)] @ J.T
 
-    def augment(self, pose: Array, J_last: Array, cov_added: Array) -> None:
+    def augment(
+        self, pose: Array, J_last: Array, cov_added: Array, J_misalignment: Array | None = None
+    ) -> None:
         """Add the next scan.
 
         Parameters
@@ -81,13 +97,18 @@ class AugmentedState:
             Jacobian of the prediction in the last pose.
         cov_added : ndarray, shape (3, 3)
             What the prediction's own noise adds.
+        J_misalignment : ndarray, shape (3,), optional
+            Jacobian of the prediction in the misalignment.
         """
         last, new = _of(self._n - 1), _of(self._n)
-        known = slice(0, 1 + 3 * self._n)
+        known = slice(0, self._size)
+        entries = np.r_[MISALIGNMENT, last]
+        by_constant = np.zeros(3) if J_misalignment is None else J_misalignment
+        J = np.column_stack([by_constant, J_last])
         self._x[new] = pose
-        self._P[new, known] = J_last @ self._P[last, known]
+        self._P[new, known] = J @ self._P[entries, known]
         self._P[known, new] = self._P[new, known].T
-        own = J_last @ self._P[last, last] @ J_last.T + cov_added
+        own = J @ self._P[np.ix_(entries, entries)] @ J.T + cov_added
         self._P[new, new] = 0.5 * (own + own.T)
         self._n += 1
 
@@ -109,7 +130,7 @@ class AugmentedState:
         """
         from gtsam_nav.ekf._rank_six import subtract_symmetric
 
-        size = 1 + 3 * self._n
+        size = self._size
         expected, J_a, J_b = tail_to_tail(self._x[_of(a)], self._x[_of(b)])
         J_scale = np.array([-expected[0], -expected[1], 0.0])
         innovation = q - expected - J_scale * self._x[SCALE]
@@ -125,15 +146,21 @@ class AugmentedState:
             return whitened
         K: Array = np.ascontiguousarray(np.linalg.solve(S, PHt.T).T)
         self._x[:size] += K @ innovation
-        self._x[3:size:3] = wrap_angle(self._x[3:size:3])
+        yaws = slice(CONSTANTS + 2, size, 3)
+        self._x[yaws] = wrap_angle(self._x[yaws])
         # Joseph's (I - K H) P (I - K H)' + K R K' is P - K (P H')' - (P H') K' + K S K'
         subtract_symmetric(self._P, PHt - 0.5 * K @ S, K)
         return whitened
 
+    @property
+    def _size(self) -> int:
+        """Of what is known."""
+        return CONSTANTS + 3 * self._n
+
 
 def _of(k: int) -> slice:
     """Entries of pose k."""
-    return slice(3 * k + 1, 3 * k + 4)
+    return slice(CONSTANTS + 3 * k, CONSTANTS + 3 * k + 3)
 
 
 def _is_invertible(S: Array) -> bool:
