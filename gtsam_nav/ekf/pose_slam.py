@@ -74,11 +74,7 @@ class PoseFilter:
         self._settings = config.pose_ekf
         self._pic = track.pic.model_copy(update={"association": config.pose_ekf.association})
         self.state = AugmentedState(
-            len(track),
-            track.pose(0),
-            track.first_cov,
-            estimated_scale_sigma(track),
-            ConsideredErrors.of(track.mission).misalignment,
+            len(track), track.first, track.first_cov, estimated_scale_sigma(track)
         )
         self.matches: list[ScanMatch] = []
         self.entered: list[Array] = [self.state.poses[-1]]
@@ -86,8 +82,7 @@ class PoseFilter:
 
     def add_scan(self, k: int) -> None:
         """Predict scan k, and register it to the one before and to all that are near."""
-        state = self.state
-        state.augment(*self._track.predict(k, state.poses[-1], state.misalignment))
+        self.state.augment(*self._track.predict(k, self.state.newest))
         near = loop_candidates(self.state.poses, self._settings.loop_radius_m)
         self.matches += [self._match(earlier, k) for earlier in [k - 1, *near]]
         self.entered.append(self.state.poses[-1])

@@ -13,6 +13,7 @@ import numpy as np
 from gtsam_nav.config import Config
 from gtsam_nav.ekf.compass_drift import CompassDrift
 from gtsam_nav.ekf.compounding import compound, tail_to_tail
+from gtsam_nav.ekf.considered import ConsideredErrors
 from gtsam_nav.ekf.constant_velocity import YAW, Filtered
 from gtsam_nav.ekf.dead_reckoning import DeadReckoned, dead_reckon
 from gtsam_nav.ekf.distortion import Distortion, distortions, walking
@@ -122,16 +123,25 @@ class ScanTrack:
         return np.asarray(self.filtered.x[self.record[k], PLANAR])
 
     @property
+    def first(self) -> Array:
+        """Errors of the motion, of which nothing is known, and pose of the first scan, (5,)."""
+        return np.append(np.zeros(2), self.pose(0))
+
+    @property
     def first_cov(self) -> Array:
-        """Covariance of the pose of the first scan, shape (3, 3)."""
-        first = int(self.record[0])
+        """Covariance of `first`, shape (5, 5)."""
+        first, cov = int(self.record[0]), np.zeros((5, 5))
+        cov[0, 0] = ConsideredErrors.of(self.mission).misalignment ** 2
+        cov[2:, 2:] = self.walked[first]
         if self.drift is None:
-            return self.walked[first]
+            return cov
         t, ne = self.filtered.t, self.filtered.x[:, :2]
-        turned = self.drift.covariance(np.stack([t[[0, first]], self.beams_s[0]]))
-        turned[1, 1] += self.white_yaw[0]
-        turning = _turning(ne[first] - ne[0])
-        return np.asarray(self.walked[first] + turning @ turned @ turning.T)
+        beams_s = self.beams_s[0]
+        spans_s = np.stack([t[[0, first]], beams_s, beams_s[[1, 1]]])
+        errors = self.drift.covariance(spans_s) + np.diag([0.0, self.white_yaw[0], 0.0])
+        J = _turning(ne[first] - ne[0])
+        cov[1:, 1:] += J @ errors @ J.T
+        return cov
 
     def _walked_from_last(self, k: int) -> Array:
         """Of the displacement from the scan before scan k but for a compass's error, (3, 3)."""
@@ -140,57 +150,60 @@ class ScanTrack:
         return np.asarray(cov)
 
     def _compass_errors(self, k: int, drift: CompassDrift) -> Array:
-        """Covariance (3, 3) of the compass's error over three spans of time.
+        """Covariance (5, 5) of the compass's error over five spans of time.
 
-        Of the beams of the scan before scan k, of the way from it, and of the beams of scan k.
+        Of the beams of the scan before scan k, of its last, of the way from it, of the beams of
+        scan k, and of its last.
         """
         before, here = self.beams_s[k - 1 : k + 1]
-        cov = drift.covariance(np.stack([before, self.t[k - 1 : k + 1], here]))
-        return np.asarray(cov + np.diag([self.white_yaw[k - 1], 0.0, self.white_yaw[k]]))
+        way_s = self.t[k - 1 : k + 1]
+        cov = drift.covariance(np.stack([before, before[[1, 1]], way_s, here, here[[1, 1]]]))
+        white = [self.white_yaw[k - 1], 0.0, 0.0, self.white_yaw[k], 0.0]
+        return np.asarray(cov + np.diag(white))
 
-    def predict(
-        self, k: int, last: Array, misalignment: float = 0.0
-    ) -> tuple[Array, Array, Array, Array]:
-        """Pose of scan k by dead reckoning from the pose of the scan before.
+    def predict(self, k: int, last: Array) -> tuple[Array, Array, Array]:
+        """Pose of scan k by dead reckoning from the scan before, and the errors of the motion.
 
-        With a compass the displacement is aligned with north, but for what is left of the error
-        that it had at the last scan: by that much a scan's pose differs from what it said. Without
-        one the displacement turns with the pose that it starts from.
+        These are the angles by which all ways must be turned, and the compass at the end of the
+        scan. With a compass the displacement is aligned with north, but for what is left of the
+        error that it had over the last scan, by which that one's pose differs from what it said,
+        and at its end. Without one the displacement turns with the pose that it starts from.
 
         Parameters
         ----------
         k : int
-        last : ndarray, shape (3,)
-        misalignment : float
-            By which all ways must be turned, rad.
+        last : ndarray, shape (5,)
+            Errors and pose of the scan before.
 
         Returns
         -------
-        pose : ndarray, shape (3,)
-        J_last : ndarray, shape (3, 3)
-            Its Jacobian in the last pose.
-        cov_added : ndarray, shape (3, 3)
-        J_misalignment : ndarray, shape (3,)
+        new : ndarray, shape (5,)
+        J : ndarray, shape (5, 5)
+            Its Jacobian in the last.
+        cov_added : ndarray, shape (5, 5)
         """
         before, here = self.pose(k - 1), self.pose(k)
+        new, J, cov = np.zeros(5), np.zeros((5, 5)), np.zeros((5, 5))
+        new[0], J[0, 0] = last[0], 1.0
+        walked = self._walked_from_last(k)
         if self.drift is None:
             q, _, J_here = tail_to_tail(before, here)
-            q[:2] = planar_rotations(misalignment) @ q[:2]
-            pose, J_last, J_q = compound(last, q)
-            J = J_q @ J_here
-            J_misalignment = _turning(pose[:2] - last[:2])[:, 0]
-            return pose, J_last, J @ self._walked_from_last(k) @ J.T, J_misalignment
+            q[:2] = planar_rotations(last[0]) @ q[:2]
+            new[2:], J[2:, 2:], J_q = compound(last[2:], q)
+            J[1:, 0] = _turning(new[2:4] - last[2:4])[:, 0]
+            cov[2:, 2:] = J_q @ J_here @ walked @ J_here.T @ J_q.T
+            return new, J, cov
         errors = self._compass_errors(k, self.drift)
-        kept = errors[1:, 0] / errors[0, 0]
-        on_the_way, here_off = kept * wrap_angle(last[2] - before[2])
-        way = planar_rotations(on_the_way + misalignment) @ (here[:2] - before[:2])
-        pose = np.append(last[:2] + way, wrap_angle(here[2] + here_off))
+        kept = errors[2:, :2] @ np.linalg.pinv(errors[:2, :2], hermitian=True)
+        on_the_way, here_off, new[1] = kept @ [wrap_angle(last[4] - before[2]), last[1]]
+        way = planar_rotations(on_the_way + last[0]) @ (here[:2] - before[:2])
+        new[2:] = np.append(last[2:4] + way, wrap_angle(here[2] + here_off))
         turning = _turning(way)
-        J_last = np.diag([1.0, 1.0, 0.0])
-        J_last[:, 2] += turning @ kept
-        gained = errors[1:, 1:] - np.outer(kept, errors[0, 1:])
-        cov = self._walked_from_last(k) + turning @ gained @ turning.T
-        return pose, J_last, cov, turning[:, 0]
+        J[1:, 0], J[1:, [4, 1]] = turning[:, 0], turning @ kept
+        J[[2, 3], [2, 3]] = 1.0
+        cov[1:, 1:] = turning @ (errors[2:, 2:] - kept @ errors[:2, 2:]) @ turning.T
+        cov[2:, 2:] += walked
+        return new, J, cov
 
     def displacement(self, k: int) -> tuple[Array, Array]:
         """Dead-reckoned pose of scan k in the scan before (3,), and its covariance (3, 3)."""
@@ -199,7 +212,8 @@ class ScanTrack:
         cov = self._walked_from_last(k)
         if self.drift is not None:
             # the way lies, and the scan is turned, as seen from the scan before
-            turning = _turning(here[:2] - before[:2]) @ [[-1.0, 1.0, 0.0], [-1.0, 0.0, 1.0]]
+            relative = np.array([[-1.0, 0.0, 1.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 1.0, 0.0]])
+            turning = _turning(here[:2] - before[:2])[1:, :2] @ relative
             cov += turning @ self._compass_errors(k, self.drift) @ turning.T
         return q, J_here @ cov @ J_here.T
 
@@ -312,5 +326,6 @@ def _mean_white_variance(mission: Mission, P: Array, beams_s: Array) -> Array:
 
 
 def _turning(way: Array) -> Array:
-    """How north, east and yaw change with a compass's error on a way (2,) and at its end."""
-    return np.array([[-way[1], 0.0], [way[0], 0.0], [0.0, 1.0]])
+    """How a compass's errors on a way (2,), over the scan at its end and at the end of that change
+    the last of them, and north, east and yaw, shape (4, 3)."""
+    return np.array([[0.0, 0.0, 1.0], [-way[1], 0.0, 0.0], [way[0], 0.0, 0.0], [0.0, 1.0, 0.0]])
