@@ -147,7 +147,7 @@ class AugmentedState:
     @property
     def _moving(self) -> IntArray:
         """Entries that the next scan is predicted from."""
-        return np.r_[MOTION, _of(self._n - 1)]
+        return np.asarray(np.r_[MOTION, _of(self._n - 1)])
 
 
 def _of(k: int) -> slice:

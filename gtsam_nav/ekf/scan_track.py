@@ -319,10 +319,11 @@ def _mean_white_variance(mission: Mission, P: Array, beams_s: Array) -> Array:
     if headings is None:
         return np.zeros(len(beams_s))
     begin = np.searchsorted(headings.t, beams_s[:, 0])
-    end = np.maximum(np.searchsorted(headings.t, beams_s[:, 1], side="right"), begin + 1)
+    end = np.searchsorted(headings.t, beams_s[:, 1], side="right")
     summed = np.append(0.0, np.cumsum(headings.sigma**2))
-    inside = summed[np.minimum(end, len(headings))] - summed[np.minimum(begin, len(headings))]
-    return np.asarray(np.minimum(inside / (end - begin) ** 2, P[:, YAW, YAW]))
+    inside, of_one = np.maximum(end - begin, 1), P[:, YAW, YAW]
+    of_mean = (summed[end] - summed[begin]) / inside**2
+    return np.asarray(np.where(inside < 2, of_one, np.minimum(of_one, of_mean)))
 
 
 def _turning(way: Array) -> Array:
