@@ -36,6 +36,8 @@ from gtsam_nav.sonar.scans import planar_rotations
 
 PLANAR = np.array([0, 1, YAW])
 """North, east and yaw in the state of the dead-reckoning filter."""
+MISALIGNMENT, COMPASS, POSE = 0, 1, slice(2, 5)
+"""Entries of the errors of the motion and the pose of a scan, which the next is predicted from."""
 
 
 @dataclass(frozen=True)
@@ -131,8 +133,8 @@ class ScanTrack:
     def first_cov(self) -> Array:
         """Covariance of `first`, shape (5, 5)."""
         first, cov = int(self.record[0]), np.zeros((5, 5))
-        cov[0, 0] = ConsideredErrors.of(self.mission).misalignment ** 2
-        cov[2:, 2:] = self.walked[first]
+        cov[MISALIGNMENT, MISALIGNMENT] = ConsideredErrors.of(self.mission).misalignment ** 2
+        cov[POSE, POSE] = self.walked[first]
         if self.drift is None:
             return cov
         t, ne = self.filtered.t, self.filtered.x[:, :2]
@@ -140,8 +142,7 @@ class ScanTrack:
         spans_s = np.stack([t[[0, first]], beams_s, beams_s[[1, 1]]])
         errors = self.drift.covariance(spans_s) + np.diag([0.0, self.white_yaw[0], 0.0])
         J = _turning(ne[first] - ne[0])
-        cov[1:, 1:] += J @ errors @ J.T
-        return cov
+        return np.asarray(cov + J @ errors @ J.T)
 
     def _walked_from_last(self, k: int) -> Array:
         """Of the displacement from the scan before scan k but for a compass's error, (3, 3)."""
@@ -184,25 +185,28 @@ class ScanTrack:
         """
         before, here = self.pose(k - 1), self.pose(k)
         new, J, cov = np.zeros(5), np.zeros((5, 5)), np.zeros((5, 5))
-        new[0], J[0, 0] = last[0], 1.0
-        walked = self._walked_from_last(k)
+        turned, pose = last[MISALIGNMENT], last[POSE]
+        new[MISALIGNMENT], J[MISALIGNMENT, MISALIGNMENT] = turned, 1.0
+        cov[POSE, POSE] = self._walked_from_last(k)
         if self.drift is None:
             q, _, J_here = tail_to_tail(before, here)
-            q[:2] = planar_rotations(last[0]) @ q[:2]
-            new[2:], J[2:, 2:], J_q = compound(last[2:], q)
-            J[1:, 0] = _turning(new[2:4] - last[2:4])[:, 0]
-            cov[2:, 2:] = J_q @ J_here @ walked @ J_here.T @ J_q.T
+            q[:2] = planar_rotations(turned) @ q[:2]
+            new[POSE], J[POSE, POSE], J_q = compound(pose, q)
+            J[:, MISALIGNMENT] += _turning(new[POSE][:2] - pose[:2])[:, 0]
+            to_last = J_q @ J_here
+            cov[POSE, POSE] = to_last @ cov[POSE, POSE] @ to_last.T
             return new, J, cov
         errors = self._compass_errors(k, self.drift)
         kept = errors[2:, :2] @ np.linalg.pinv(errors[:2, :2], hermitian=True)
-        on_the_way, here_off, new[1] = kept @ [wrap_angle(last[4] - before[2]), last[1]]
-        way = planar_rotations(on_the_way + last[0]) @ (here[:2] - before[:2])
-        new[2:] = np.append(last[2:4] + way, wrap_angle(here[2] + here_off))
+        known = [wrap_angle(pose[2] - before[2]), last[COMPASS]]
+        on_the_way, here_off, new[COMPASS] = kept @ known
+        way = planar_rotations(on_the_way + turned) @ (here[:2] - before[:2])
+        new[POSE] = np.append(pose[:2] + way, wrap_angle(here[2] + here_off))
         turning = _turning(way)
-        J[1:, 0], J[1:, [4, 1]] = turning[:, 0], turning @ kept
-        J[[2, 3], [2, 3]] = 1.0
-        cov[1:, 1:] = turning @ (errors[2:, 2:] - kept @ errors[:2, 2:]) @ turning.T
-        cov[2:, 2:] += walked
+        J[POSE, POSE] = np.diag([1.0, 1.0, 0.0])
+        J[:, MISALIGNMENT] += turning[:, 0]
+        J[:, [POSE.stop - 1, COMPASS]] += turning @ kept
+        cov += turning @ (errors[2:, 2:] - kept @ errors[:2, 2:]) @ turning.T
         return new, J, cov
 
     def displacement(self, k: int) -> tuple[Array, Array]:
@@ -213,7 +217,7 @@ class ScanTrack:
         if self.drift is not None:
             # the way lies, and the scan is turned, as seen from the scan before
             relative = np.array([[-1.0, 0.0, 1.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 1.0, 0.0]])
-            turning = _turning(here[:2] - before[:2])[1:, :2] @ relative
+            turning = _turning(here[:2] - before[:2])[POSE, :2] @ relative
             cov += turning @ self._compass_errors(k, self.drift) @ turning.T
         return q, J_here @ cov @ J_here.T
 
@@ -327,6 +331,9 @@ def _mean_white_variance(mission: Mission, P: Array, beams_s: Array) -> Array:
 
 
 def _turning(way: Array) -> Array:
-    """How a compass's errors on a way (2,), over the scan at its end and at the end of that change
-    the last of them, and north, east and yaw, shape (4, 3)."""
-    return np.array([[0.0, 0.0, 1.0], [-way[1], 0.0, 0.0], [way[0], 0.0, 0.0], [0.0, 1.0, 0.0]])
+    """How errors and pose of a scan change with a compass's errors on a way (2,), over the scan at
+    its end and at the end of that, shape (5, 3)."""
+    J = np.zeros((5, 3))
+    J[COMPASS, 2] = 1.0
+    J[POSE] = [[-way[1], 0.0, 0.0], [way[0], 0.0, 0.0], [0.0, 1.0, 0.0]]
+    return J

@@ -290,6 +290,14 @@ def test_between_scans_that_fill_the_time_a_walk_is_tied_to_their_means() -> Non
         assert stated == pytest.approx(expected, rel=0.12)
 
 
+def test_a_compass_without_drift_is_right_again_at_the_next_scan() -> None:
+    track = follow_scans(without_drift(circling(stop_s=20.0)), load_config())
+    new, _, cov = track.predict(3, np.append([0.0, 0.2], np.add(track.pose(2), [0.0, 0.0, 0.2])))
+    np.testing.assert_allclose(new[2:], track.pose(3), atol=1e-12)
+    assert new[1] == 0.0
+    assert cov[4, 4] == pytest.approx(track.white_yaw[3])
+
+
 def test_a_compass_error_that_matches_show_is_carried_on() -> None:
     track = follow_scans(circling(), load_config())
     last, h = np.append([0.01, 0.2], np.add(track.pose(7), [3.0, -2.0, 0.2])), 1e-6
