@@ -7,6 +7,7 @@ the covariance of its displacement starts from zero at each scan: Mallios et al.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -109,7 +110,7 @@ class ScanTrack:
         """Reference times of the scans, shape (n,), s."""
         return self.sonar.turns.t_ref
 
-    @property
+    @cached_property
     def walked(self) -> Array:
         """Covariance of north, east and yaw at each record by what adds up since the scan before.
 
@@ -146,21 +147,25 @@ class ScanTrack:
 
     def _walked_from_last(self, k: int) -> Array:
         """Of the displacement from the scan before scan k but for a compass's error, (3, 3)."""
-        cov = self.walked[self.record[k]]
+        cov = self.walked[self.record[k]].copy()
         cov[:2, :2] += self.frame_cov[k - 1] + self.frame_cov[k]
         return np.asarray(cov)
 
-    def _compass_errors(self, k: int, drift: CompassDrift) -> Array:
-        """Covariance (5, 5) of the compass's error over five spans of time.
+    @cached_property
+    def _compass_errors(self) -> Array:
+        """Covariance (n - 1, 5, 5) of a compass's error over five spans of time, from scan to scan.
 
-        Of the beams of the scan before scan k, of its last, of the way from it, of the beams of
-        scan k, and of its last.
+        Of the beams of a scan, of its last, of the way to the next, of the beams of that, and of
+        its last.
         """
-        before, here = self.beams_s[k - 1 : k + 1]
-        way_s = self.t[k - 1 : k + 1]
-        cov = drift.covariance(np.stack([before, before[[1, 1]], way_s, here, here[[1, 1]]]))
-        white = [self.white_yaw[k - 1], 0.0, 0.0, self.white_yaw[k], 0.0]
-        return np.asarray(cov + np.diag(white))
+        assert self.drift is not None
+        before, here = self.beams_s[:-1], self.beams_s[1:]
+        way_s = np.stack([self.t[:-1], self.t[1:]], axis=1)
+        spans_s = np.stack([before, before[:, [1, 1]], way_s, here, here[:, [1, 1]]], axis=1)
+        cov = self.drift.covariance(spans_s)
+        cov[:, 0, 0] += self.white_yaw[:-1]
+        cov[:, 3, 3] += self.white_yaw[1:]
+        return cov
 
     def predict(self, k: int, last: Array) -> tuple[Array, Array, Array]:
         """Pose of scan k by dead reckoning from the scan before, and the errors of the motion.
@@ -196,7 +201,7 @@ class ScanTrack:
             to_last = J_q @ J_here
             cov[POSE, POSE] = to_last @ cov[POSE, POSE] @ to_last.T
             return new, J, cov
-        errors = self._compass_errors(k, self.drift)
+        errors = self._compass_errors[k - 1]
         kept = errors[2:, :2] @ np.linalg.pinv(errors[:2, :2], hermitian=True)
         known = [wrap_angle(pose[2] - before[2]), last[COMPASS]]
         on_the_way, here_off, new[COMPASS] = kept @ known
@@ -218,7 +223,7 @@ class ScanTrack:
             # the way lies, and the scan is turned, as seen from the scan before
             relative = np.array([[-1.0, 0.0, 1.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 1.0, 0.0]])
             turning = _turning(here[:2] - before[:2])[POSE, :2] @ relative
-            cov += turning @ self._compass_errors(k, self.drift) @ turning.T
+            cov += turning @ self._compass_errors[k - 1] @ turning.T
         return q, J_here @ cov @ J_here.T
 
 
