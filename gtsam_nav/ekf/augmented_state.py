@@ -1,9 +1,10 @@
 """The augmented state of the pose filter: the poses of all scans, with their joint covariance.
 
-Mallios et al. 2014, section 4.3; and ahead of them one constant, the share by which the ways
-between matched scans are too short, which the paper takes for zero. A measurement is of two poses
-and that, so that an update costs one pass over the covariance: three columns of ``P H'``, and a
-correction of rank six.
+Mallios et al. 2014, section 4.3; and ahead of them what the paper takes for zero: the share by
+which the ways between matched scans are too short, the angle by which dead-reckoned ones must be
+turned, and that by which the compass must be at the end of the newest scan. A measurement is of two
+poses and the first, so that an update costs one pass over the covariance: three columns of
+``P H'``, and a correction of rank six.
 """
 
 from __future__ import annotations
@@ -13,9 +14,10 @@ import numpy as np
 from gtsam_nav.ekf.compounding import tail_to_tail
 from gtsam_nav.errors import EstimationError
 from gtsam_nav.frames import Array, wrap_angle
+from gtsam_nav.series import IntArray
 
-SCALE = 0
-"""Entry of the scale."""
+SCALE, MOTION, SHARED = 0, slice(1, 3), 3
+"""Entries of the scale of matches and of the errors of the motion, and how many there are."""
 LEAST_CONDITION = 1e-12
 """Of an innovation covariance, smallest over largest variance, that can still be inverted."""
 
@@ -27,19 +29,20 @@ class AugmentedState:
     ----------
     capacity : int
         Scans that will be added.
-    pose : ndarray, shape (3,)
-        Of the first scan.
-    cov : ndarray, shape (3, 3)
+    first : ndarray, shape (5,)
+        Both errors of the motion, and the pose of the first scan.
+    cov : ndarray, shape (5, 5)
     scale_sigma : float
         Spread of the share by which the ways between matched scans are too short.
     """
 
-    def __init__(self, capacity: int, pose: Array, cov: Array, scale_sigma: float = 0.0) -> None:
-        self._x = np.zeros(1 + 3 * capacity)
-        self._P = np.zeros((1 + 3 * capacity, 1 + 3 * capacity))
+    def __init__(self, capacity: int, first: Array, cov: Array, scale_sigma: float = 0.0) -> None:
+        size = SHARED + 3 * capacity
+        self._x, self._P = np.zeros(size), np.zeros((size, size))
         self._P[SCALE, SCALE] = scale_sigma**2
-        self._x[_of(0)], self._P[_of(0), _of(0)] = pose, cov
         self._n = 1
+        self._x[self._moving] = first
+        self._P[np.ix_(self._moving, self._moving)] = cov
 
     def __len__(self) -> int:
         return self._n
@@ -47,13 +50,17 @@ class AugmentedState:
     @property
     def poses(self) -> Array:
         """Shape (n, 3), a copy."""
-        return self._x[1 : 1 + 3 * self._n].reshape(-1, 3).copy()
+        return self._x[SHARED : self._size].reshape(-1, 3).copy()
+
+    @property
+    def newest(self) -> Array:
+        """Both errors of the motion, and the newest pose, shape (5,), a copy."""
+        return self._x[self._moving]
 
     @property
     def cov(self) -> Array:
         """Joint covariance of all poses, shape (3 n, 3 n), a copy."""
-        size = 1 + 3 * self._n
-        return self._P[1:size, 1:size].copy()
+        return self._P[SHARED : self._size, SHARED : self._size].copy()
 
     @property
     def marginals(self) -> Array:
@@ -70,26 +77,27 @@ class AugmentedState:
         J, entries = np.hstack([J_a, J_b]), np.r_[_of(a), _of(b)]
         return q, J @ self._P[np.ix_(entries, entries)] @ J.T
 
-    def augment(self, pose: Array, J_last: Array, cov_added: Array) -> None:
+    def augment(self, new: Array, J: Array, cov_added: Array) -> None:
         """Add the next scan.
 
         Parameters
         ----------
-        pose : ndarray, shape (3,)
-            As predicted from the last pose.
-        J_last : ndarray, shape (3, 3)
-            Jacobian of the prediction in the last pose.
-        cov_added : ndarray, shape (3, 3)
+        new : ndarray, shape (5,)
+            Both errors of the motion, and the pose of the scan, as predicted from the newest.
+        J : ndarray, shape (5, 5)
+            Jacobian of the prediction.
+        cov_added : ndarray, shape (5, 5)
             What the prediction's own noise adds.
         """
-        last, new = _of(self._n - 1), _of(self._n)
-        known = slice(0, 1 + 3 * self._n)
-        self._x[new] = pose
-        self._P[new, known] = J_last @ self._P[last, known]
-        self._P[known, new] = self._P[new, known].T
-        own = J_last @ self._P[last, last] @ J_last.T + cov_added
-        self._P[new, new] = 0.5 * (own + own.T)
+        moving, known = self._moving, slice(0, self._size)
+        shared = J @ self._P[moving, known]
+        own = shared[:, moving] @ J.T + cov_added
         self._n += 1
+        moving = self._moving
+        self._x[moving] = new
+        self._P[moving, known] = shared
+        self._P[known, moving] = shared.T
+        self._P[np.ix_(moving, moving)] = 0.5 * (own + own.T)
 
     def update(self, a: int, b: int, q: Array, cov: Array, gate: float) -> Array:
         """Correct all poses by a measurement of pose b in pose a.
@@ -109,7 +117,7 @@ class AugmentedState:
         """
         from gtsam_nav.ekf._rank_six import subtract_symmetric
 
-        size = 1 + 3 * self._n
+        size = self._size
         expected, J_a, J_b = tail_to_tail(self._x[_of(a)], self._x[_of(b)])
         J_scale = np.array([-expected[0], -expected[1], 0.0])
         innovation = q - expected - J_scale * self._x[SCALE]
@@ -125,15 +133,26 @@ class AugmentedState:
             return whitened
         K: Array = np.ascontiguousarray(np.linalg.solve(S, PHt.T).T)
         self._x[:size] += K @ innovation
-        self._x[3:size:3] = wrap_angle(self._x[3:size:3])
+        yaws = slice(SHARED + 2, size, 3)
+        self._x[yaws] = wrap_angle(self._x[yaws])
         # Joseph's (I - K H) P (I - K H)' + K R K' is P - K (P H')' - (P H') K' + K S K'
         subtract_symmetric(self._P, PHt - 0.5 * K @ S, K)
         return whitened
 
+    @property
+    def _size(self) -> int:
+        """Of what is known."""
+        return SHARED + 3 * self._n
+
+    @property
+    def _moving(self) -> IntArray:
+        """Entries that the next scan is predicted from."""
+        return np.asarray(np.r_[MOTION, _of(self._n - 1)])
+
 
 def _of(k: int) -> slice:
     """Entries of pose k."""
-    return slice(3 * k + 1, 3 * k + 4)
+    return slice(SHARED + 3 * k, SHARED + 3 * k + 3)
 
 
 def _is_invertible(S: Array) -> bool:

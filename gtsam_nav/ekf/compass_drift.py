@@ -1,8 +1,9 @@
-"""How the slow error of a compass carries over from one time to another.
+"""How much of a compass's slow error its means over several spans of time share.
 
-It is a first-order Gauss-Markov process (Gelb, *Applied Optimal Estimation*, 1974, section 3.8).
-Over a while its mean turns the way that is dead-reckoned, its value at the end the heading; both
-share much of what it was at the beginning.
+The error is a stationary process: a first-order Gauss-Markov one (Gelb, *Applied Optimal
+Estimation*, 1974, section 3.8), or, where what disturbs the compass changes smoothly on the way, as
+it does past walls, one whose correlation falls off as a Gaussian. The mean over the beams of a scan
+turns the scan, the one over a way the way, and the value at a time the heading: means all of them.
 """
 
 from __future__ import annotations
@@ -15,16 +16,17 @@ from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission
 from gtsam_nav.sensors.noise import HeadingNoise
 
-SHORTEST = 1e-4
-"""Of the correlation time: so that the differences below keep their digits."""
+SHORTEST = 1e-3
+"""Span, in correlation times, that stands for a single time: the differences keep their digits."""
 
 
 @dataclass(frozen=True)
 class CompassDrift:
-    """Spread of the error, rad, and the time over which it forgets itself, s."""
+    """Spread of the error, rad, the time over which it forgets itself, s, and whether smoothly."""
 
     sigma: float
     time_s: float
+    smooth: bool = False
 
     @classmethod
     def of(cls, mission: Mission) -> CompassDrift | None:
@@ -33,49 +35,43 @@ class CompassDrift:
         if compass is None:
             return None
         noise = HeadingNoise.model_validate(compass.noise)
-        return cls(float(np.radians(noise.disturbance_sigma_deg)), noise.disturbance_time_s)
+        sigma = float(np.radians(noise.disturbance_sigma_deg))
+        return cls(sigma, noise.disturbance_time_s, noise.disturbance_smooth)
 
-    def kept(self, elapsed_s: Array) -> Array:
-        """Shares of an error that its mean over times (...) and its ends keep, shape (..., 2)."""
-        a = self._elapsed(elapsed_s)
-        return np.stack([_mean_share(a), np.exp(-a)], axis=-1)
+    def covariance(self, spans_s: Array) -> Array:
+        """Covariance (..., m, m), rad^2, of the error's means over spans (..., m, 2) of time.
 
-    def gained(self, elapsed_s: Array) -> Array:
-        """Covariance of mean and end where the error at the beginning is known, (..., 2, 2)."""
-        a = self._elapsed(elapsed_s)
-        g, end = _mean_share(a), np.exp(-a)
-        mean2, both, end2 = 2 * (1 - g) / a - g**2, g * (1 - end), 1 - end**2
-        rows = [np.stack([mean2, both], axis=-1), np.stack([both, end2], axis=-1)]
-        return np.asarray(self.sigma**2 * np.stack(rows, axis=-2))
+        Each span is from its begin to its end, s; without length it is a single time.
+        """
+        middle = spans_s.mean(axis=-1)
+        half = 0.5 * np.maximum(np.diff(spans_s)[..., 0], SHORTEST * self.time_s)
+        cov = np.empty((*middle.shape, middle.shape[-1]))
+        for i in range(middle.shape[-1]):
+            for j in range(i + 1):
+                apart, a, b = middle[..., i] - middle[..., j], half[..., i], half[..., j]
+                corners = self._mixed(apart, a + b) - self._mixed(apart, a - b)
+                cov[..., i, j] = cov[..., j, i] = self.sigma**2 * corners / (4 * a * b)
+        return cov
 
-    def whole(self, elapsed_s: Array) -> Array:
-        """Covariance of mean and end where nothing is known, (..., 2, 2)."""
-        return self.gained(elapsed_s) + self.sigma**2 * _squared(self.kept(elapsed_s))
+    def changes(self, begin_s: Array, end_s: Array) -> Array:
+        """Covariance (m, m), rad^2, of how the error changes from begin to end of m spans, s."""
 
-    def change(self, elapsed_s: Array) -> Array:
-        """Covariance of mean and end less the error at the beginning, (..., 2, 2)."""
-        return self.gained(elapsed_s) + self.sigma**2 * _squared(self.kept(elapsed_s) - 1.0)
+        def shared(a: Array, b: Array) -> Array:
+            apart = np.abs(a[:, None] - b) / self.time_s
+            return np.asarray(np.exp(-(apart**2) if self.smooth else -apart))
 
-    def mean_variance(self, span_s: float) -> float:
-        """Variance of the error's mean over a span, rad^2."""
-        a = self._elapsed(np.array(span_s))
-        return float(self.sigma**2 * 2 * (1 - _mean_share(a)) / a)
+        ahead = shared(end_s, end_s) - shared(end_s, begin_s)
+        return self.sigma**2 * (ahead - shared(begin_s, end_s) + shared(begin_s, begin_s))
 
-    def middle_variance(self, span_s: float) -> float:
-        """Variance of the error in the middle of a span less its mean over the span, rad^2."""
-        if span_s == 0.0:
-            return 0.0
-        a = self._elapsed(np.array(span_s))
-        shared = 2 * _mean_share(a / 2)
-        return self.mean_variance(span_s) + float(self.sigma**2 * (1 - shared))
+    def _mixed(self, apart_s: Array, reach_s: Array) -> Array:
+        return self._twice_integrated(apart_s + reach_s) + self._twice_integrated(apart_s - reach_s)
 
-    def _elapsed(self, elapsed_s: Array) -> Array:
-        return np.maximum(elapsed_s / self.time_s, SHORTEST)
+    def _twice_integrated(self, lag_s: Array) -> Array:
+        """Second integral of the correlation over the lag, from zero on, s^2."""
+        a = np.abs(lag_s) / self.time_s
+        if not self.smooth:
+            return np.asarray(self.time_s**2 * (a + np.expm1(-a)))
+        from scipy.special import erf
 
-
-def _mean_share(a: Array) -> Array:
-    return np.asarray(-np.expm1(-a) / a)
-
-
-def _squared(rows: Array) -> Array:
-    return np.asarray(rows[..., :, None] * rows[..., None, :])
+        halved = 0.5 * np.sqrt(np.pi) * a * erf(a) + 0.5 * np.expm1(-(a**2))
+        return np.asarray(self.time_s**2 * halved)

@@ -8,6 +8,7 @@ pose. What is left bends the scan, and each match answers to it in its own way.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +24,15 @@ from gtsam_nav.sonar.scans import Scan, planar_rotations
 
 PIECES = 4
 """Of each half of a scan, over which the error grows evenly."""
+
+YawChanges = Callable[[Array, Array], Array]
+"""Covariance (m, m), rad^2, of how the heading's error changes over m spans of time, of which the
+begins and the ends are given, s."""
+
+
+def walking(variance_rad2_s: float) -> YawChanges:
+    """Of an error that grows as a random walk, so fast, away from the scan's reference time."""
+    return lambda begin_s, end_s: variance_rad2_s * np.diag(np.abs(end_s - begin_s))
 
 
 @dataclass(frozen=True)
@@ -45,7 +55,7 @@ def distortions(
     data: SonarData,
     motion: PlanarMotion,
     way_variance_m2: Array,
-    yaw_variance_rad2_s: float,
+    yaw_changes: YawChanges,
     settings: PicSettings,
 ) -> list[Distortion]:
     """Of all scans.
@@ -57,8 +67,8 @@ def distortions(
         That deskewed them.
     way_variance_m2 : ndarray, shape (n,)
         Of the way up to each time of the motion, along each axis, but for the heading's error.
-    yaw_variance_rad2_s : float
-        How fast the heading's error wanders.
+    yaw_changes : callable
+        How the heading's error changes within a scan.
     settings : PicSettings
     """
     echoes, turns = data.echoes, data.turns
@@ -66,7 +76,7 @@ def distortions(
     found = []
     for scan, begin, end in zip(data.scans, *bounds, strict=True):
         t = echoes.t[begin:end]
-        moved = _displacements(scan, t, motion, way_variance_m2, yaw_variance_rad2_s)
+        moved = _displacements(scan, t, motion, way_variance_m2, yaw_changes)
         whole, _ = response(scan, scan, np.zeros(3), moved, moved, settings)
         found.append(Distortion(moved, whole))
     return found
@@ -92,7 +102,7 @@ def _displacements(
     t: Array,
     motion: PlanarMotion,
     way_variance_m2: Array,
-    yaw_variance_rad2_s: float,
+    yaw_changes: YawChanges,
 ) -> Array:
     """Displacements (k, 2, m) of echoes at times (k,) by the error that each piece of time adds.
 
@@ -110,10 +120,12 @@ def _displacements(
     ne, yaw = motion.at(scan.t_ref + np.append(begin + 0.5 * length, 0.0))
     about = (ne[:-1] - ne[-1]) @ planar_rotations(yaw[-1])
     lever = scan.xy[:, None] - about
-    sigma_yaw = np.sqrt(yaw_variance_rad2_s * np.abs(length))
+    variance, ways = np.linalg.eigh(yaw_changes(begin, begin + length))
+    sigma_yaw = ways * np.sqrt(np.maximum(variance, 0.0))
     variance_m2 = np.diff([np.interp(scan.t_ref + e, motion.t, way_variance_m2) for e in edges])
     sigma_m = np.sqrt(np.abs(variance_m2.ravel()))
-    turned = (passed * sigma_yaw)[:, None] * np.stack([-lever[..., 1], lever[..., 0]], axis=1)
+    aside = np.stack([-lever[..., 1], lever[..., 0]], axis=1)
+    turned = (passed[:, None] * aside) @ sigma_yaw
     shifted = passed * sigma_m
     still = np.zeros_like(shifted)
     return np.concatenate(

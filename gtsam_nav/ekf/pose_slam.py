@@ -52,7 +52,9 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     final = PoseHistory(state.poses, state.marginals)
     online = PoseHistory(np.array(pose_filter.entered), np.array(pose_filter.entered_cov))
     loops = [found for found in matches if found.a != found.b - 1]
-    return scan_solution("pose-ekf", track, final, online, matches, loops, clock)
+    return scan_solution(
+        "pose-ekf", track, final, online, matches, loops, clock, knows_misalignment=True
+    )
 
 
 class PoseFilter:
@@ -72,7 +74,7 @@ class PoseFilter:
         self._settings = config.pose_ekf
         self._pic = track.pic.model_copy(update={"association": config.pose_ekf.association})
         self.state = AugmentedState(
-            len(track), track.pose(0), track.first_cov, estimated_scale_sigma(track)
+            len(track), track.first, track.first_cov, estimated_scale_sigma(track)
         )
         self.matches: list[ScanMatch] = []
         self.entered: list[Array] = [self.state.poses[-1]]
@@ -80,7 +82,7 @@ class PoseFilter:
 
     def add_scan(self, k: int) -> None:
         """Predict scan k, and register it to the one before and to all that are near."""
-        self.state.augment(*self._track.predict(k, self.state.poses[-1]))
+        self.state.augment(*self._track.predict(k, self.state.newest))
         near = loop_candidates(self.state.poses, self._settings.loop_radius_m)
         self.matches += [self._match(earlier, k) for earlier in [k - 1, *near]]
         self.entered.append(self.state.poses[-1])

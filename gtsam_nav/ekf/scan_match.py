@@ -13,7 +13,7 @@ from gtsam_nav.config import Config
 from gtsam_nav.ekf.compounding import compound
 from gtsam_nav.ekf.scan_registration import ScanMatch, register_scans
 from gtsam_nav.ekf.scan_solution import PoseHistory, scan_solution
-from gtsam_nav.ekf.scan_track import ScanTrack, follow_scans
+from gtsam_nav.ekf.scan_track import POSE, ScanTrack, follow_scans
 from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.mission import Mission
 from gtsam_nav.registration.result import PlanarMatch
@@ -44,7 +44,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     with clock.stage("scans"):
         track = follow_scans(mission, config)
     with clock.stage("matching"):
-        poses, covs, matches = [track.pose(0)], [track.first_cov], []
+        poses, covs, matches = [track.pose(0)], [track.first_cov[POSE, POSE]], []
         for k in range(1, len(track)):
             found = match_consecutive(track, k, config)
             q, cov = track.displacement(k)

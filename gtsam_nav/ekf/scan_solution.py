@@ -11,7 +11,7 @@ from gtsam_nav.ekf.considered import ConsideredErrors, with_considered
 from gtsam_nav.ekf.constant_velocity import YAW
 from gtsam_nav.ekf.dead_reckoning import filtered_trajectory, fixes_used
 from gtsam_nav.ekf.scan_registration import ScanMatch
-from gtsam_nav.ekf.scan_track import PLANAR, ScanTrack
+from gtsam_nav.ekf.scan_track import ScanTrack
 from gtsam_nav.frames import (
     Array,
     quaternion_from_rpy,
@@ -41,6 +41,7 @@ def scan_solution(
     matches: Sequence[ScanMatch],
     loops: Sequence[ScanMatch],
     clock: StageClock,
+    knows_misalignment: bool = False,
 ) -> Solution:
     """The result of a method that estimates the poses of scans.
 
@@ -50,10 +51,20 @@ def scan_solution(
         Of each scan in the end, and when it entered.
     matches, loops : sequence of ScanMatch
         All that were tried, and those of them that are loops.
+    clock : StageClock
+    knows_misalignment : bool
+        Whether the poses count the constant error of the velocity's direction, which turns the
+        track from them on then, else from the start.
     """
+    # a compass that is off throughout turns everything about the start; where scans do not tell
+    # the way along their walls, it is as long as the velocity says
+    left, misalignment = ConsideredErrors.of(track.mission).constant, 0.0
+    if knows_misalignment:
+        misalignment, left = left.misalignment, replace(left, misalignment=0.0)
     with clock.stage("trajectory"):
-        trajectory = between_scans(track, _at_times(track, final))
-        causal = after_scans(track, _at_times(track, online))
+        found = between_scans(track, _at_times(track, final), misalignment)
+        trajectory = with_considered(found, left)
+        causal = with_considered(after_scans(track, _at_times(track, online), misalignment), left)
     used = [m for m in matches if m.accepted]
     innovations = dict(track.reckoned.innovations)
     if used:
@@ -90,12 +101,13 @@ def _at_times(track: ScanTrack, history: PoseHistory) -> PoseHistory:
     return PoseHistory(history.poses, covs)
 
 
-def between_scans(track: ScanTrack, history: PoseHistory) -> Trajectory:
+def between_scans(track: ScanTrack, history: PoseHistory, misalignment: float) -> Trajectory:
     """The track with its correction interpolated between the scans.
 
     Each of the two scans around a time carries the track along, turned by its own correction of
     the yaw; the result lies between the two by the time's fraction of the interval. Before the
-    first and after the last scan there is one to carry it.
+    first and after the last scan there is one to carry it. The poses count a misalignment of that
+    spread, rad, which turns the track from them on.
     """
     t, n = track.filtered.t, len(track)
     before = np.clip(np.searchsorted(track.t, t, side="right") - 1, 0, n - 1)
@@ -107,9 +119,10 @@ def between_scans(track: ScanTrack, history: PoseHistory) -> Trajectory:
     ne = ne_0 + f[:, None] * (ne_1 - ne_0)
     turn = turn_0 + f * wrap_angle(turn_1 - turn_0)
     w = f[:, None, None]
-    cov = (1 - w) * history.covs[before] + w * history.covs[after] + _bridge(track, after, f)
-    drift, beyond = drift_cov(track), t > track.t[-1]
-    cov[beyond] += drift[beyond] - drift[track.record[-1]]
+    cov = (1 - w) * history.covs[before] + w * history.covs[after]
+    cov += _bridge(track, after, f) + _turned(track, before, after, f, misalignment)
+    walked, beyond = walked_cov(track), t > track.t[-1]
+    cov[beyond] += walked[beyond] - walked[track.record[-1]]
     return _corrected(track, ne, turn, cov)
 
 
@@ -118,45 +131,73 @@ def _bridge(track: ScanTrack, after: IntArray, f: Array) -> Array:
 
     A random walk is a Brownian bridge then, less where it is tied not at two times but to its means
     over the beams of both scans: in the middle a quarter of an interval T less two thirds of their
-    span. A compass's drift is one of the heading; the way that it turns aside is its integral, and
-    tied at both ends in its direction too.
+    span.
     """
-    here = track.record[after]
     interval_s = track.t[after] - track.t[np.maximum(after - 1, 0)]
-    covered = np.minimum(track.span_s / np.where(after > 0, interval_s, np.inf), 1.0)
-    bridge = f * (1 - f)
-    tied = bridge * (1 - 2 / 3 * covered)
-    total = track.displacement_cov[here]
-    white = track.filtered.P[here][:, PLANAR[:, None], PLANAR]
+    span_s = np.median(np.diff(track.beams_s))
+    covered = np.minimum(span_s / np.where(after > 0, interval_s, np.inf), 1.0)
+    tied = f * (1 - f) * (1 - 2 / 3 * covered)
+    return np.asarray(tied[:, None, None] * track.walked[track.record[after]])
+
+
+def _turned(
+    track: ScanTrack, before: IntArray, after: IntArray, f: Array, misalignment: float
+) -> Array:
+    """What wrong directions add at fractions f (r,) of the way between two scans, (r, 3, 3).
+
+    The two know the means of a compass's drift over their beams. The heading is off by how it
+    differs from those, and so is, all along, the way from either scan; both carry the track here.
+    A misalignment turns either way as a whole.
+    """
+    t, ne = track.filtered.t, track.filtered.x[:, :2]
+    ways = [
+        share[:, None] * (ne - ne[track.record[scan]])
+        for share, scan in ((1.0 - f, before), (f, after))
+    ]
+    aside = misalignment * (ways[0] + ways[1])[:, ::-1] * [-1.0, 1.0]
+    cov = np.zeros((len(f), 3, 3))
+    cov[:, :2, :2] = aside[:, :, None] * aside[:, None]
     if track.drift is None:
-        return np.asarray(tied[:, None, None] * white)
-    by_drift = np.column_stack([bridge, bridge, np.sqrt(tied)])
-    cov = by_drift[:, :, None] * (total - white) * by_drift[:, None]
-    cov[:, :2, :2] += tied[:, None, None] * white[:, :2, :2]
-    return np.asarray(cov)
+        return cov
+    ways_s = [np.sort(np.stack([track.t[scan], t], axis=1)) for scan in (before, after)]
+    now_s = np.stack([t, t], axis=1)
+    spans_s = np.stack(
+        [track.beams_s[before], ways_s[0], track.beams_s[after], ways_s[1], now_s], axis=1
+    )
+    J = np.zeros((len(f), 3, 5))
+    J[:, 2, 4] = 1.0
+    for column, share, way in ((0, 1.0 - f, ways[0]), (2, f, ways[1])):
+        J[:, 2, column] = -share
+        J[:, 0, column], J[:, 0, column + 1] = way[:, 1], -way[:, 1]
+        J[:, 1, column], J[:, 1, column + 1] = -way[:, 0], way[:, 0]
+    return np.asarray(cov + J @ track.drift.covariance(spans_s) @ np.swapaxes(J, 1, 2))
 
 
-def after_scans(track: ScanTrack, history: PoseHistory) -> Trajectory:
+def after_scans(track: ScanTrack, history: PoseHistory, misalignment: float) -> Trajectory:
     """The causal estimate: the track, carried on from the newest scan that is complete.
 
     Parameters
     ----------
     history : PoseHistory
         Of each scan when it entered; the first was dead-reckoned.
+    misalignment : float
+        As in `between_scans`.
     """
-    newest = np.searchsorted(track.complete_s, track.filtered.t, side="right") - 1
+    newest = np.searchsorted(track.beams_s[:, 1], track.filtered.t, side="right") - 1
     newest = np.maximum(newest, 0)
-    drift = drift_cov(track)
-    cov = history.covs[newest] + drift - drift[track.record[newest]]
+    walked = walked_cov(track)
+    cov = history.covs[newest] + walked - walked[track.record[newest]]
+    cov += _turned(track, newest, newest, np.zeros(len(newest)), misalignment)
     return _corrected(track, *_carried(track, history, newest), cov)
 
 
-def drift_cov(track: ScanTrack) -> Array:
-    """Covariance of the dead-reckoned displacement since the start at each record, (r, 3, 3)."""
-    done = np.searchsorted(track.record, np.arange(len(track.filtered.t)))
-    intervals = np.cumsum(track.displacement_cov[track.record], axis=0)
+def walked_cov(track: ScanTrack) -> Array:
+    """Covariance of what adds up in the dead reckoning from the start to each record, (r, 3, 3)."""
+    walked = track.walked
+    done = np.searchsorted(track.record, np.arange(len(walked)))
+    intervals = np.cumsum(walked[track.record], axis=0)
     total = np.concatenate([np.zeros((1, 3, 3)), intervals])[done]
-    return np.asarray(total + track.displacement_cov)
+    return np.asarray(total + walked)
 
 
 def _carried(track: ScanTrack, history: PoseHistory, scan: IntArray) -> tuple[Array, Array]:
@@ -178,13 +219,15 @@ def _corrected(track: ScanTrack, ne: Array, turn: Array, cov_planar: Array) -> T
     cov[:, planar] = 0.0
     cov[:, :, planar] = 0.0
     cov[:, planar[:, None], planar] = cov_planar
-    cov[:, 5, 5] += track.frame_yaw_variance
+    if track.drift is not None:
+        # the noise of a single reading, which cancels out over a scan
+        cov[:, 5, 5] += track.filtered.P[:, YAW, YAW]
     yaw = np.column_stack([np.zeros((len(turn), 2)), turn])
     v_n = np.einsum("nij,nj->ni", rotation_from_rpy(yaw), own.v_n)
     # a yaw that is wrong turns the velocity
     variance_v = own.sigma_v_n**2
     variance_v[:, :2] += cov_planar[:, 2, 2, None] * v_n[:, [1, 0]] ** 2
-    found = replace(
+    return replace(
         own,
         p_n=np.column_stack([ne, own.p_n[:, 2]]),
         q_nb_wxyz=quaternion_from_rpy(own.rpy + yaw),
@@ -193,9 +236,6 @@ def _corrected(track: ScanTrack, ne: Array, turn: Array, cov_planar: Array) -> T
         cov_pose_n=cov,
         keyframe=np.isin(own.t, track.t),
     )
-    # a compass that is off throughout turns everything about the start; where scans do not tell
-    # the way along their walls, it is as long as the velocity says
-    return with_considered(found, ConsideredErrors.of(track.mission).constant)
 
 
 def pose_graph(track: ScanTrack, trajectory: Trajectory, used: Sequence[ScanMatch]) -> PoseGraph:

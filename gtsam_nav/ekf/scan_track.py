@@ -7,20 +7,21 @@ the covariance of its displacement starts from zero at each scan: Mallios et al.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from gtsam_nav.config import Config
 from gtsam_nav.ekf.compass_drift import CompassDrift
 from gtsam_nav.ekf.compounding import compound, tail_to_tail
+from gtsam_nav.ekf.considered import ConsideredErrors
 from gtsam_nav.ekf.constant_velocity import YAW, Filtered
 from gtsam_nav.ekf.dead_reckoning import DeadReckoned, dead_reckon
-from gtsam_nav.ekf.distortion import Distortion, distortions
+from gtsam_nav.ekf.distortion import Distortion, distortions, walking
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.preprocess.alignment import Alignment, align
-from gtsam_nav.preprocess.compass_turns import disturbance_walk_rad2_s
 from gtsam_nav.registration.settings import PicSettings
 from gtsam_nav.sensors.noise import SonarNoise
 from gtsam_nav.sensors.orientation import headings_true
@@ -36,6 +37,8 @@ from gtsam_nav.sonar.scans import planar_rotations
 
 PLANAR = np.array([0, 1, YAW])
 """North, east and yaw in the state of the dead-reckoning filter."""
+MISALIGNMENT, COMPASS, POSE = 0, 1, slice(2, 5)
+"""Entries of the errors of the motion and the pose of a scan, which the next is predicted from."""
 
 
 @dataclass(frozen=True)
@@ -52,22 +55,15 @@ class ScanTrack:
     sonar : SonarData
     record : ndarray of int, shape (n,)
         Record of each scan's reference time.
-    complete_s : ndarray, shape (n,)
-        When the last beam of each scan came in.
-    span_s : float
-        Usual time between the first and the last beam of a scan.
-    displacement_cov : ndarray, shape (r, 3, 3)
-        Of north, east and yaw at each record since the scan before it; before the first, of the
-        pose itself. What a compass measures anew at each time counts in full.
-    first_cov : ndarray, shape (3, 3)
-        Of the pose of the first scan, whose heading is as wrong as the compass over all its beams.
+    beams_s : ndarray, shape (n, 2)
+        When the first and the last beam of each scan came in.
     drift : CompassDrift or None
-        None without a compass.
-    frame_yaw_variance : float
-        How far the heading at a scan's reference time may be off that of its beams on the whole,
-        which is the scan's own: the compass drifts, and its white noise cancels out; rad^2.
+        None without a compass. The heading of a scan is wrong by the mean error over its beams.
+    white_yaw : ndarray, shape (n,)
+        What the compass's white noise adds to the variance of that mean, rad^2.
     frame_cov : ndarray, shape (n, 2, 2)
-        And how far the position (north, east) may be off that of its beams, in the same way, m^2.
+        How far the position (north, east) at a scan's reference time may be off that of its beams
+        on the whole, which is the scan's own, m^2.
     distortions : list of Distortion
         What errors of the motion within each scan do to it.
     match_scale_sigma : float
@@ -85,12 +81,9 @@ class ScanTrack:
     reckoned: DeadReckoned
     sonar: SonarData
     record: IntArray
-    complete_s: Array
-    span_s: float
-    displacement_cov: Array
-    first_cov: Array
+    beams_s: Array
     drift: CompassDrift | None
-    frame_yaw_variance: float
+    white_yaw: Array
     frame_cov: Array
     distortions: list[Distortion]
     match_scale_sigma: float
@@ -117,60 +110,121 @@ class ScanTrack:
         """Reference times of the scans, shape (n,), s."""
         return self.sonar.turns.t_ref
 
+    @cached_property
+    def walked(self) -> Array:
+        """Covariance of north, east and yaw at each record by what adds up since the scan before.
+
+        Shape (r, 3, 3). The error of a compass does not, and is no part of it.
+        """
+        cov = self.filtered.P[:, PLANAR[:, None], PLANAR]
+        if self.drift is not None:
+            cov[:, 2, :] = cov[:, :, 2] = 0.0
+        return cov
+
     def pose(self, k: int) -> Array:
         """Dead-reckoned north, east and yaw of scan k, shape (3,)."""
         return np.asarray(self.filtered.x[self.record[k], PLANAR])
 
-    def _cov_since_last(self, k: int) -> Array:
-        """Covariance of the displacement from the scan before scan k, shape (3, 3)."""
-        cov = self.displacement_cov[self.record[k]].copy()
-        cov[:2, :2] += self._frames_cov(k)
+    @property
+    def first(self) -> Array:
+        """Errors of the motion, of which nothing is known, and pose of the first scan, (5,)."""
+        return np.append(np.zeros(2), self.pose(0))
+
+    @property
+    def first_cov(self) -> Array:
+        """Covariance of `first`, shape (5, 5)."""
+        first, cov = int(self.record[0]), np.zeros((5, 5))
+        cov[MISALIGNMENT, MISALIGNMENT] = ConsideredErrors.of(self.mission).misalignment ** 2
+        cov[POSE, POSE] = self.walked[first]
+        if self.drift is None:
+            return cov
+        t, ne = self.filtered.t, self.filtered.x[:, :2]
+        beams_s = self.beams_s[0]
+        spans_s = np.stack([t[[0, first]], beams_s, beams_s[[1, 1]]])
+        errors = self.drift.covariance(spans_s) + np.diag([0.0, self.white_yaw[0], 0.0])
+        J = _turning(ne[first] - ne[0])
+        return np.asarray(cov + J @ errors @ J.T)
+
+    def _walked_from_last(self, k: int) -> Array:
+        """Of the displacement from the scan before scan k but for a compass's error, (3, 3)."""
+        cov = self.walked[self.record[k]].copy()
+        cov[:2, :2] += self.frame_cov[k - 1] + self.frame_cov[k]
         return np.asarray(cov)
 
-    def _frames_cov(self, k: int) -> Array:
-        """Of north and east between the positions of scan k and the one before, (2, 2)."""
-        return np.asarray(self.frame_cov[k - 1 : k + 1].sum(axis=0))
+    @cached_property
+    def _compass_errors(self) -> Array:
+        """Covariance (n - 1, 5, 5) of a compass's error over five spans of time, from scan to scan.
+
+        Of the beams of a scan, of its last, of the way to the next, of the beams of that, and of
+        its last.
+        """
+        assert self.drift is not None
+        before, here = self.beams_s[:-1], self.beams_s[1:]
+        way_s = np.stack([self.t[:-1], self.t[1:]], axis=1)
+        spans_s = np.stack([before, before[:, [1, 1]], way_s, here, here[:, [1, 1]]], axis=1)
+        cov = self.drift.covariance(spans_s)
+        cov[:, 0, 0] += self.white_yaw[:-1]
+        cov[:, 3, 3] += self.white_yaw[1:]
+        return cov
 
     def predict(self, k: int, last: Array) -> tuple[Array, Array, Array]:
-        """Pose of scan k by dead reckoning from the pose of the scan before.
+        """Pose of scan k by dead reckoning from the scan before, and the errors of the motion.
 
-        With a compass the displacement is aligned with north, but for what is left of the error
-        that it had at the last scan: by that much a scan's pose differs from what it said. Without
-        one the displacement turns with the pose that it starts from.
+        These are the angles by which all ways must be turned, and the compass at the end of the
+        scan. With a compass the displacement is aligned with north, but for what is left of the
+        error that it had over the last scan, by which that one's pose differs from what it said,
+        and at its end. Without one the displacement turns with the pose that it starts from.
+
+        Parameters
+        ----------
+        k : int
+        last : ndarray, shape (5,)
+            Errors and pose of the scan before.
 
         Returns
         -------
-        pose : ndarray, shape (3,)
-        J_last : ndarray, shape (3, 3)
-            Its Jacobian in the last pose.
-        cov_added : ndarray, shape (3, 3)
+        new : ndarray, shape (5,)
+        J : ndarray, shape (5, 5)
+            Its Jacobian in the last.
+        cov_added : ndarray, shape (5, 5)
         """
         before, here = self.pose(k - 1), self.pose(k)
+        new, J, cov = np.zeros(5), np.zeros((5, 5)), np.zeros((5, 5))
+        turned, pose = last[MISALIGNMENT], last[POSE]
+        new[MISALIGNMENT], J[MISALIGNMENT, MISALIGNMENT] = turned, 1.0
+        cov[POSE, POSE] = self._walked_from_last(k)
         if self.drift is None:
             q, _, J_here = tail_to_tail(before, here)
-            pose, J_last, J_q = compound(last, q)
-            J = J_q @ J_here
-            return pose, J_last, J @ self._cov_since_last(k) @ J.T
-        elapsed_s = self.t[k] - self.t[k - 1]
-        kept = self.drift.kept(elapsed_s)
-        on_the_way, here_off = kept * wrap_angle(last[2] - before[2])
-        way = planar_rotations(on_the_way) @ (here[:2] - before[:2])
-        pose = np.append(last[:2] + way, wrap_angle(here[2] + here_off))
+            q[:2] = planar_rotations(turned) @ q[:2]
+            new[POSE], J[POSE, POSE], J_q = compound(pose, q)
+            J[:, MISALIGNMENT] += _turning(new[POSE][:2] - pose[:2])[:, 0]
+            to_last = J_q @ J_here
+            cov[POSE, POSE] = to_last @ cov[POSE, POSE] @ to_last.T
+            return new, J, cov
+        errors = self._compass_errors[k - 1]
+        kept = errors[2:, :2] @ np.linalg.pinv(errors[:2, :2], hermitian=True)
+        known = [wrap_angle(pose[2] - before[2]), last[COMPASS]]
+        on_the_way, here_off, new[COMPASS] = kept @ known
+        way = planar_rotations(on_the_way + turned) @ (here[:2] - before[:2])
+        new[POSE] = np.append(pose[:2] + way, wrap_angle(here[2] + here_off))
         turning = _turning(way)
-        J_last = np.diag([1.0, 1.0, 0.0])
-        J_last[:, 2] += turning @ kept
-        cov = turning @ self.drift.gained(elapsed_s) @ turning.T
-        cov[:2, :2] += self.filtered.P[self.record[k], :2, :2] + self._frames_cov(k)
-        return pose, J_last, cov
+        J[POSE, POSE] = np.diag([1.0, 1.0, 0.0])
+        J[:, MISALIGNMENT] += turning[:, 0]
+        J[:, [POSE.stop - 1, COMPASS]] += turning @ kept
+        cov += turning @ (errors[2:, 2:] - kept @ errors[:2, 2:]) @ turning.T
+        return new, J, cov
 
     def displacement(self, k: int) -> tuple[Array, Array]:
         """Dead-reckoned pose of scan k in the scan before (3,), and its covariance (3, 3)."""
-        q, J_before, J_here = tail_to_tail(self.pose(k - 1), self.pose(k))
-        cov = J_here @ self._cov_since_last(k) @ J_here.T
+        before, here = self.pose(k - 1), self.pose(k)
+        q, _, J_here = tail_to_tail(before, here)
+        cov = self._walked_from_last(k)
         if self.drift is not None:
-            white = self.filtered.P[self.record[k - 1], YAW, YAW]
-            cov += white * np.outer(J_before[:, 2], J_before[:, 2])
-        return q, cov
+            # the way lies, and the scan is turned, as seen from the scan before
+            relative = np.array([[-1.0, 0.0, 1.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 1.0, 0.0]])
+            turning = _turning(here[:2] - before[:2])[POSE, :2] @ relative
+            cov += turning @ self._compass_errors[k - 1] @ turning.T
+        return q, J_here @ cov @ J_here.T
 
 
 def follow_scans(mission: Mission, config: Config) -> ScanTrack:
@@ -196,26 +250,20 @@ def follow_scans(mission: Mission, config: Config) -> ScanTrack:
     sonar = deskewed(echoes, turns, motion)
     noise = SonarNoise.model_validate(_sonar_of(mission).noise)
     pic = _with_floors(config.pic, noise)
-    yaw_growth = motion.yaw_variance_rad2_s if drift is None else disturbance_walk_rad2_s(mission)
+    yaw_changes = walking(motion.yaw_variance_rad2_s) if drift is None else drift.changes
     way_variance = _way_variance(reckoned.filtered, record)
-    distorted = distortions(sonar, motion, way_variance, yaw_growth, pic)
+    distorted = distortions(sonar, motion, way_variance, yaw_changes, pic)
     beam_s = _sonar_of(mission).series.t
-    span_s = float(np.median(beam_s[turns.last - 1] - beam_s[turns.first]))
-    displacement_cov = _displacement_cov(reckoned.filtered, record, drift)
-    first_s = beam_s[turns.first[0] : turns.last[0]]
-    white = _mean_white_variance(mission, reckoned.filtered.P[record[0]], first_s)
+    beams_s = np.stack([beam_s[turns.first], beam_s[turns.last - 1]], axis=1)
     return ScanTrack(
         mission=mission,
         start=start,
         reckoned=reckoned,
         sonar=sonar,
         record=record,
-        complete_s=beam_s[turns.last - 1],
-        span_s=span_s,
-        displacement_cov=displacement_cov,
-        first_cov=_first_cov(displacement_cov[record[0]], drift, span_s, white),
+        beams_s=beams_s,
         drift=drift,
-        frame_yaw_variance=_frame_yaw_variance(reckoned.filtered, record, drift, span_s),
+        white_yaw=_mean_white_variance(mission, reckoned.filtered.P[record], beams_s),
         distortions=distorted,
         frame_cov=_frame_cov(distorted, reckoned.filtered, record),
         match_scale_sigma=noise.scale_sigma,
@@ -258,14 +306,6 @@ def _planar_motion(filtered: Filtered, record: IntArray, has_compass: bool) -> P
     return PlanarMotion(filtered.t, filtered.x[:, :2], track, position_growth, yaw_growth)
 
 
-def _frame_yaw_variance(
-    filtered: Filtered, record: IntArray, drift: CompassDrift | None, span_s: float
-) -> float:
-    if drift is None:
-        return 0.0
-    return drift.middle_variance(span_s) + float(np.median(filtered.P[record, YAW, YAW]))
-
-
 def _way_variance(filtered: Filtered, record: IntArray) -> Array:
     """Of the way up to each record, along each axis, but for the compass's drift, shape (r,)."""
     level = 0.5 * (filtered.P[:, 0, 0] + filtered.P[:, 1, 1])
@@ -279,50 +319,26 @@ def _frame_cov(distorted: list[Distortion], filtered: Filtered, record: IntArray
     return np.asarray(to_n @ cov @ np.swapaxes(to_n, 1, 2))
 
 
-def _displacement_cov(filtered: Filtered, record: IntArray, drift: CompassDrift | None) -> Array:
-    """North, east and yaw since the last scan; a compass's drift turns the displacement with it."""
-    cov = filtered.P[:, PLANAR[:, None], PLANAR]
-    if drift is None:
-        return cov
-    since = np.searchsorted(record, np.arange(len(cov)))
-    origin = np.append(0, record)[since]
-    turning = _turning(filtered.x[:, :2] - filtered.x[origin, :2])
-    elapsed_s = filtered.t - filtered.t[origin]
-    drifted = drift.change(elapsed_s)
-    first = since == 0
-    drifted[first] = drift.whole(elapsed_s[first])
-    return np.asarray(cov + turning @ drifted @ np.swapaxes(turning, 1, 2))
+def _mean_white_variance(mission: Mission, P: Array, beams_s: Array) -> Array:
+    """Variance (n,) of the mean of a compass's white noise over the beams of each scan, rad^2.
 
-
-def _first_cov(
-    at_reference: Array, drift: CompassDrift | None, span_s: float, white_variance: float
-) -> Array:
-    if drift is None:
-        return at_reference
-    lessened = np.sqrt((drift.mean_variance(span_s) + white_variance) / at_reference[2, 2])
-    return at_reference * np.outer([1.0, 1.0, lessened], [1.0, 1.0, lessened])
-
-
-def _mean_white_variance(mission: Mission, P: Array, beam_s: Array) -> float:
-    """Variance of the mean of a compass's white noise over the beams of a scan, rad^2.
-
-    At the most what the filter's covariance P at the scan's reference time says of one instant.
+    At the most what the filter's covariances P at the scans' reference times say of one instant.
     """
     headings = headings_true(mission)
     if headings is None:
-        return 0.0
-    inside = headings.sigma[(headings.t >= beam_s[0]) & (headings.t <= beam_s[-1])]
-    at_reference = float(P[YAW, YAW])
-    if len(inside) < 2:
-        return at_reference
-    return min(at_reference, float(np.mean(inside**2)) / len(inside))
+        return np.zeros(len(beams_s))
+    begin = np.searchsorted(headings.t, beams_s[:, 0])
+    end = np.searchsorted(headings.t, beams_s[:, 1], side="right")
+    summed = np.append(0.0, np.cumsum(headings.sigma**2))
+    inside, of_one = np.maximum(end - begin, 1), P[:, YAW, YAW]
+    of_mean = (summed[end] - summed[begin]) / inside**2
+    return np.asarray(np.where(inside < 2, of_one, np.minimum(of_one, of_mean)))
 
 
 def _turning(way: Array) -> Array:
-    """How north, east and yaw change, on ways (..., 2), with a compass's mean and last error.
-
-    Shape (..., 3, 2).
-    """
-    J = np.zeros((*way.shape[:-1], 3, 2))
-    J[..., 0, 0], J[..., 1, 0], J[..., 2, 1] = -way[..., 1], way[..., 0], 1.0
+    """How errors and pose of a scan change with a compass's errors on a way (2,), over the scan at
+    its end and at the end of that, shape (5, 3)."""
+    J = np.zeros((5, 3))
+    J[COMPASS, 2] = 1.0
+    J[POSE] = [[-way[1], 0.0, 0.0], [way[0], 0.0, 0.0], [0.0, 1.0, 0.0]]
     return J

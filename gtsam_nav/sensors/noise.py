@@ -132,15 +132,17 @@ class HeadingNoise(Settings):
 
     The error is white noise (``sigma_deg``, where the file states none) plus a slowly varying bias:
     a constant of spread ``bias_sigma_deg`` and a disturbance of spread ``disturbance_sigma_deg``
-    that forgets itself over ``disturbance_time_s`` (magnetic surroundings). ``declination_deg`` is
-    added to the readings (magnetic to true north); with ``magnetic`` that of the mission's place
-    and date is, by the World Magnetic Model.
+    that forgets itself over ``disturbance_time_s`` (magnetic surroundings). It is a Gauss-Markov
+    process, or with ``disturbance_smooth`` one that changes evenly over shorter times, which the
+    scan filters count. ``declination_deg`` is added to the readings (magnetic to true north); with
+    ``magnetic`` that of the mission's place and date is, by the World Magnetic Model.
     """
 
     sigma_deg: float = Field(default=0.5, gt=0)
     bias_sigma_deg: float = Field(default=5.0, ge=0)
     disturbance_sigma_deg: float = Field(default=4.0, ge=0)
     disturbance_time_s: float = Field(default=120.0, gt=0)
+    disturbance_smooth: bool = False
     declination_deg: float = 0.0
     magnetic: bool = False
 

@@ -141,6 +141,8 @@ def heading(
             "bias_sigma_deg": s.bias_sigma_deg,
             "disturbance_sigma_deg": sigma_deg,
             "disturbance_time_s": time_s,
+            # walls change smoothly along the way
+            "disturbance_smooth": s.wall_peak_deg > 0,
         },
     )
 

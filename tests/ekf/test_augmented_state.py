@@ -22,13 +22,27 @@ def covariance(rng: np.random.Generator, scale: Array | float = 1.0) -> Array:
     return np.asarray(root.T @ root + 1e-4 * np.eye(3))
 
 
+def beginning(n: int, pose: Array, cov: Array, scale_sigma: float = 0.0) -> AugmentedState:
+    """Of a motion without errors."""
+    return AugmentedState(n, np.append(np.zeros(2), pose), padded(cov), scale_sigma)
+
+
+def padded(block: Array) -> Array:
+    """Of a pose, among the errors of the motion."""
+    return np.pad(block, ((2, 0), (2, 0)))
+
+
+def augment(state: AugmentedState, pose: Array, J_last: Array, cov_added: Array) -> None:
+    state.augment(np.append(np.zeros(2), pose), padded(J_last), padded(cov_added))
+
+
 def some_state(rng: np.random.Generator, n: int) -> AugmentedState:
     """A few poses, every pair of neighbours but the last matched."""
-    state = AugmentedState(n, rng.normal(size=3), covariance(rng, 0.1))
+    state = beginning(n, rng.normal(size=3), covariance(rng, 0.1))
     for k in range(1, n):
         q, J_last = rng.normal(size=3), rng.choice([0, 1])
         pose, J_compound, _ = compound(state.poses[-1], q)
-        state.augment(pose, NORTH_ALIGNED if J_last else J_compound, covariance(rng, 0.1))
+        augment(state, pose, NORTH_ALIGNED if J_last else J_compound, covariance(rng, 0.1))
         if k < n - 1:
             state.update(k - 1, k, q + 0.02 * rng.normal(size=3), covariance(rng, 0.1), np.inf)
     return state
@@ -42,7 +56,7 @@ def squared(whitened: Array) -> float:
 @seeds
 def test_augmentation_is_that_of_dense_matrices(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    state = AugmentedState(4, rng.normal(size=3), covariance(rng))
+    state = beginning(4, rng.normal(size=3), covariance(rng))
     x, P = state.poses.ravel(), state.cov
     for _ in range(3):
         pose, J_last, J_q = compound(state.poses[-1], rng.normal(size=3))
@@ -52,7 +66,7 @@ def test_augmentation_is_that_of_dense_matrices(seed: int) -> None:
         F[n:, n - 3 :] = J_last
         x, P = np.append(x, pose), F @ P @ F.T
         P[n:, n:] += added
-        state.augment(pose, J_last, added)
+        augment(state, pose, J_last, added)
         np.testing.assert_allclose(state.poses.ravel(), x)
         np.testing.assert_allclose(state.cov, P, atol=1e-12)
 
@@ -86,10 +100,10 @@ def test_an_update_is_that_of_dense_matrices(seed: int) -> None:
 def test_the_covariance_stays_one_over_many_updates() -> None:
     rng = np.random.default_rng(4)
     n, R = 40, np.diag([1e-3, 1e-3, 1e-4]) ** 2
-    state = AugmentedState(n, np.zeros(3), 1e4 * np.eye(3))
+    state = beginning(n, np.zeros(3), 1e4 * np.eye(3))
     for k in range(1, n):
         pose, J_last, J_q = compound(state.poses[-1], np.array([1.0, 0.0, 0.2]))
-        state.augment(pose, J_last, J_q @ np.diag([0.5, 0.5, 0.1]) ** 2 @ J_q.T)
+        augment(state, pose, J_last, J_q @ np.diag([0.5, 0.5, 0.1]) ** 2 @ J_q.T)
         for a in range(k):
             q, _ = state.displacement(a, k)
             state.update(a, k, q + rng.normal(size=3) * np.sqrt(np.diag(R)), R, np.inf)
@@ -113,8 +127,8 @@ def test_what_the_gate_stops_leaves_no_trace() -> None:
 
 def test_a_singular_innovation_covariance_is_not_used() -> None:
     """Two poses that are tied without error, and a measurement that claims none."""
-    state = AugmentedState(2, np.zeros(3), np.eye(3))
-    state.augment(np.zeros(3), np.eye(3), np.zeros((3, 3)))
+    state = beginning(2, np.zeros(3), np.eye(3))
+    augment(state, np.zeros(3), np.eye(3), np.zeros((3, 3)))
     cov = state.cov
     assert squared(state.update(0, 1, np.array([0.1, 0, 0]), np.zeros((3, 3)), np.inf)) == np.inf
     assert squared(state.update(0, 1, np.zeros(3), np.diag([1.0, 1.0, 0.0]), 1.0)) == np.inf
@@ -123,15 +137,15 @@ def test_a_singular_innovation_covariance_is_not_used() -> None:
 
 
 def test_a_covariance_that_is_not_finite_is_an_error() -> None:
-    state = AugmentedState(2, np.zeros(3), np.full((3, 3), np.nan))
-    state.augment(np.zeros(3), np.eye(3), np.eye(3))
+    state = beginning(2, np.zeros(3), np.full((3, 3), np.nan))
+    augment(state, np.zeros(3), np.eye(3), np.eye(3))
     with pytest.raises(EstimationError, match="not finite"):
         state.update(0, 1, np.zeros(3), np.eye(3), np.inf)
 
 
 def test_yaws_are_compared_the_short_way_round() -> None:
-    state = AugmentedState(2, np.array([0.0, 0.0, 3.1]), 0.01 * np.eye(3))
-    state.augment(np.array([0.0, 0.0, -3.1]), NORTH_ALIGNED, 0.01 * np.eye(3))
+    state = beginning(2, np.array([0.0, 0.0, 3.1]), 0.01 * np.eye(3))
+    augment(state, np.array([0.0, 0.0, -3.1]), NORTH_ALIGNED, 0.01 * np.eye(3))
     assert squared(state.update(0, 1, np.zeros(3), 0.01 * np.eye(3), np.inf)) < 1.0
     yaw = state.poses[:, 2]
     assert np.all((yaw >= -np.pi) & (yaw < np.pi))
@@ -147,11 +161,11 @@ def test_errors_of_a_matched_problem_are_chi_square() -> None:
     for _ in range(trials):
         truth = np.array([[2.0 * k, 0.5 * (k % 2), 0.1 * k] for k in range(n)])
         first = truth[0] + 0.1 * rng.normal(size=3)
-        state = AugmentedState(n, first, 0.01 * np.eye(3))
+        state = beginning(n, first, 0.01 * np.eye(3))
         for k in range(1, n):
             noise = rng.multivariate_normal(np.zeros(3), Q)
             pose = np.append(state.poses[-1, :2] + (truth[k] - truth[k - 1])[:2], truth[k, 2])
-            state.augment(pose + noise, NORTH_ALIGNED, Q)
+            augment(state, pose + noise, NORTH_ALIGNED, Q)
             for a in range(k):
                 match = rng.multivariate_normal(tail_to_tail(truth[a], truth[k])[0], R)
                 state.update(a, k, match, R, np.inf)
@@ -164,10 +178,10 @@ def test_errors_of_a_matched_problem_are_chi_square() -> None:
 def chain(scale_sigma: float, short_by: float, n: int = 12) -> tuple[AugmentedState, float]:
     """A straight way, known to a centimetre a step, whose matches are all too short by a share."""
     step_m = 10.0
-    state = AugmentedState(n, np.zeros(3), 1e-8 * np.eye(3), scale_sigma)
+    state = beginning(n, np.zeros(3), 1e-8 * np.eye(3), scale_sigma)
     for k in range(1, n):
         pose, J, _ = compound(state.poses[-1], np.array([step_m, 0.0, 0.0]))
-        state.augment(pose, J, np.diag([0.02, 0.02, 1e-4]) ** 2)
+        augment(state, pose, J, np.diag([0.02, 0.02, 1e-4]) ** 2)
         match = np.array([step_m * (1 - short_by), 0.0, 0.0])
         state.update(k - 1, k, match, np.diag([0.02, 0.02, 1e-4]) ** 2, np.inf)
     return state, step_m * (n - 1)
@@ -195,3 +209,39 @@ def test_the_scale_is_estimated_with_the_poses_as_by_least_squares() -> None:
     cov = np.linalg.inv(H.T @ H)
     way = np.append(0.0, np.ones(n - 1))
     assert state.marginal(n - 1)[0, 0] == pytest.approx(way @ cov @ way, rel=1e-3)
+
+
+def test_errors_of_the_motion_are_estimated_with_the_poses_as_with_dense_matrices() -> None:
+    """All ways are turned by one angle, and by what is left of another that forgets itself."""
+    rng = np.random.default_rng(3)
+    n, R = 8, np.diag([0.05, 0.05, 0.01]) ** 2
+    first_cov = covariance(np.random.default_rng(5), 1.0)
+    P = np.diag([0.03, 0.1, 0.1, 0.1, 0.02]) ** 2
+    P[2:, 2:] += 1e-3 * first_cov
+    x = np.zeros(5)
+    state = AugmentedState(n, x, P)
+    for k in range(1, n):
+        J = np.eye(5)
+        J[1, 1], J[3, :2], J[4, 1] = 0.7, 2.0, 0.5
+        added = 1e-3 * np.pad(covariance(rng), ((1, 1), (1, 1)))
+        new = J @ state.newest + [0.0, 0.0, 2.0, 0.0, 0.0]
+        # dense: the errors stand first, then all poses
+        old = np.r_[0, 1, len(x) - 3 : len(x)]
+        F = np.zeros((len(x) + 3, len(x)))
+        F[2 : len(x), 2:] = np.eye(len(x) - 2)
+        into = np.r_[0, 1, len(x) : len(x) + 3]
+        F[np.ix_(into, old)] = J
+        x, P = np.append(x, new[2:]), F @ P @ F.T
+        x[:2] = new[:2]
+        P[np.ix_(into, into)] += added
+        state.augment(new, J, added)
+        a, b = slice(3 * k - 1, 3 * k + 2), slice(3 * k + 2, 3 * k + 5)
+        expected, J_a, J_b = tail_to_tail(x[a], x[b])
+        H = np.zeros((3, len(x)))
+        H[:, a], H[:, b] = J_a, J_b
+        innovation = 0.02 * rng.normal(size=3)
+        K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
+        x, P = x + K @ innovation, P - K @ H @ P
+        state.update(k - 1, k, expected + innovation, R, np.inf)
+        np.testing.assert_allclose(state.newest, np.append(x[:2], x[-3:]), atol=1e-9)
+    np.testing.assert_allclose(state.cov, P[2:, 2:], atol=1e-9)

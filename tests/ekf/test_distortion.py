@@ -10,7 +10,7 @@ import pytest
 import gtsam_nav as gn
 from gtsam_nav.config import load_config
 from gtsam_nav.ekf.compounding import compound, inverse, tail_to_tail
-from gtsam_nav.ekf.distortion import Distortion, bent, distortions
+from gtsam_nav.ekf.distortion import Distortion, bent, distortions, walking
 from gtsam_nav.ekf.scan_match import match_consecutive
 from gtsam_nav.ekf.scan_track import ScanTrack, follow_scans
 from gtsam_nav.frames import Array, wrap_angle
@@ -73,7 +73,7 @@ def stated() -> tuple[SonarData, list[Distortion]]:
     echoes, turns, t = straight()
     motion = way(t, np.zeros(len(t)), np.zeros((len(t), 2)))
     data = deskewed(echoes, turns, motion)
-    return data, distortions(data, motion, WAY_GROWTH * t, YAW_GROWTH, SETTINGS)
+    return data, distortions(data, motion, WAY_GROWTH * t, walking(YAW_GROWTH), SETTINGS)
 
 
 def drawn(runs: int) -> list[SonarData]:
@@ -110,7 +110,7 @@ def test_echoes_after_the_reference_time_alone_are_displaced_as_among_others(
     for begin, end in ((late, BEAMS), (0, half - 20)):
         part = Turns(np.array([begin]), np.array([end]), turns.t_ref[:1])
         data = deskewed(echoes, part, motion)
-        (alone,) = distortions(data, motion, WAY_GROWTH * t, YAW_GROWTH, SETTINGS)
+        (alone,) = distortions(data, motion, WAY_GROWTH * t, walking(YAW_GROWTH), SETTINGS)
         among = stated[1][0].moved[begin:end]
         np.testing.assert_allclose(
             alone.moved @ np.swapaxes(alone.moved, 1, 2),
@@ -125,7 +125,7 @@ def test_a_scan_taken_at_once_is_not_distorted() -> None:
     at_once = replace(echoes, t=np.repeat(turns.t_ref, BEAMS))
     motion = way(t, np.zeros(len(t)), np.zeros((len(t), 2)))
     data = deskewed(at_once, turns, motion)
-    distorted = distortions(data, motion, WAY_GROWTH * t, YAW_GROWTH, SETTINGS)
+    distorted = distortions(data, motion, WAY_GROWTH * t, walking(YAW_GROWTH), SETTINGS)
     assert all(one.moved.size == one.whole.size == 0 for one in distorted)
     match = register(*data.scans, np.array([9.8, 0.0, 0.0]), np.diag([0.1, 0.1, 0.01]), SETTINGS)
     np.testing.assert_array_equal(bent(*data.scans, match, *distorted, SETTINGS), np.zeros((3, 3)))

@@ -16,7 +16,7 @@ from gtsam_nav.ekf.constant_velocity import YAW
 from gtsam_nav.ekf.dead_reckoning import dead_reckon, filtered_trajectory
 from gtsam_nav.ekf.pose_slam import PoseFilter, estimated_scale_sigma, loop_candidates
 from gtsam_nav.ekf.scan_match import completed, match_consecutive
-from gtsam_nav.ekf.scan_solution import _bridge
+from gtsam_nav.ekf.scan_solution import _bridge, _turned
 from gtsam_nav.ekf.scan_track import ScanTrack, follow_scans
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, wrap_angle
@@ -33,11 +33,11 @@ from gtsam_nav.series import (
 from gtsam_nav.simulation.processes import gauss_markov
 from gtsam_nav.solution import Solution
 from gtsam_nav.sonar.defects import WHOLE_SENSOR
+from gtsam_nav.sonar.scans import planar_rotations
 
 METHODS = ("scan-match", "pose-ekf")
 RADIUS_M, SPEED_M_S, LAPS = 12.0, 1.0, 2
 SCAN_EVERY_S = 3.0
-XYR = [0, 1, 3]
 STOP_S = LAPS * 2 * np.pi * RADIUS_M / SPEED_M_S
 
 
@@ -144,13 +144,15 @@ def test_without_matches_the_pose_filter_is_dead_reckoning() -> None:
     """A compass that drifts turns the whole way: its error at a scan is no news at the next."""
     mission, config = circling(), load_config()
     track = follow_scans(mission, config)
-    state = AugmentedState(len(track), track.pose(0), track.displacement_cov[track.record[0]])
+    state = AugmentedState(len(track), track.first, track.first_cov)
     for k in range(1, len(track)):
-        state.augment(*track.predict(k, state.poses[-1]))
+        state.augment(*track.predict(k, state.newest))
     reckoned = dead_reckon(mission, track.start, config, track.t)
     drift = track.drift
     assert drift is not None
-    drifting = ConsideredErrors(0.0, drift.sigma, drift.time_s, 0.0, 0.0)
+    misalignment = ConsideredErrors.of(mission).misalignment
+    assert misalignment > 0.0
+    drifting = ConsideredErrors(0.0, drift.sigma, drift.time_s, misalignment, 0.0)
     dr = with_considered(filtered_trajectory(reckoned.filtered, mission), drifting)
     at_scans = dr.select(np.searchsorted(dr.t, track.t))
     assert at_scans.cov_pose_n is not None
@@ -172,7 +174,7 @@ def test_white_noise_of_a_compass_averages_out_over_a_scan_and_no_further() -> N
     """All of it counts in a scan taken at once, a share in one that takes a turn of the head."""
     at_once = follow_scans(without_drift(circling(stop_s=10.0)), load_config())
     white = at_once.filtered.P[at_once.record[0], YAW, YAW]
-    assert at_once.first_cov[2, 2] == pytest.approx(white)
+    assert at_once.first_cov[4, 4] == pytest.approx(white)
     mission = without_drift(gn.simulate("marina", seed=1, duration_s=20.0))
     turning = follow_scans(mission, load_config())
     headings = mission.sensors["heading"].series
@@ -181,7 +183,7 @@ def test_white_noise_of_a_compass_averages_out_over_a_scan_and_no_further() -> N
     begin_s, end_s = turning.instrument.series.t[[turns.first[0], turns.last[0] - 1]]
     n = np.count_nonzero((headings.t >= begin_s) & (headings.t <= end_s))
     assert n > 100
-    assert turning.first_cov[2, 2] == pytest.approx(headings.sigma[0] ** 2 / n, rel=0.02)
+    assert turning.first_cov[4, 4] == pytest.approx(headings.sigma[0] ** 2 / n, rel=0.02)
 
 
 def with_sonar_noise(mission: Mission, **noise: float) -> Mission:
@@ -240,10 +242,34 @@ def test_between_two_scans_a_drift_turns_the_way_as_drawn() -> None:
     before = (drifts[:, :middle] - drifts[:, :1]) @ aside[:middle]
     after = (drifts[:, -1:] - drifts[:, middle:]) @ aside[middle:]
     seen = np.cov(0.5 * (before + after).T)
-    white = 0.25 * track.filtered.P[last, :2, :2]
-    stated = _bridge(track, np.array([5]), np.array([0.5]))[0, :2, :2] - white
-    assert np.trace(stated) == pytest.approx(np.trace(seen), rel=0.3)
-    assert np.trace(white) > 0.0
+    everywhere = np.ones(len(track.filtered.t), dtype=np.int64)
+    stated = _turned(track, 4 * everywhere, 5 * everywhere, 0.5 * everywhere, 0.0)[first + middle]
+    np.testing.assert_allclose(stated[:2, :2], seen, atol=0.1 * np.trace(seen))
+    off = drifts[:, middle] - 0.5 * (drifts[:, 0] + drifts[:, -1])
+    assert stated[2, 2] == pytest.approx(np.var(off), rel=0.1)
+
+
+def test_after_the_last_scan_a_misalignment_turns_the_way() -> None:
+    """From there on alone: what they did before is in the pose of the scan."""
+    mission = circling(compass=False)
+    track = follow_scans(mission.with_sensor(until(mission, 20.0)), load_config())
+    angle = 0.02
+    last = np.full(len(track.filtered.t), len(track) - 1)
+    found = _turned(track, last, last, np.zeros(len(last)), angle)
+    north, east = track.filtered.x[-1, :2] - track.pose(len(track) - 1)[:2]
+    aside = angle * np.array([-east, north])
+    np.testing.assert_allclose(found[-1, :2, :2], np.outer(aside, aside))
+    np.testing.assert_allclose(found[track.record[-1]], 0.0, atol=1e-12)
+
+
+def until(mission: Mission, stop_s: float) -> Sensor:
+    """The scans up to a time."""
+    sensor = mission.sensors["scans"]
+    assert isinstance(sensor.series, ScanSeries)
+    n = int(np.searchsorted(sensor.series.t, stop_s))
+    first = sensor.series.first[: n + 1]
+    points = sensor.series.points_b[: first[-1]]
+    return replace(sensor, series=ScanSeries(t=sensor.series.t[:n], first=first, points_b=points))
 
 
 def test_between_scans_that_fill_the_time_a_walk_is_tied_to_their_means() -> None:
@@ -258,22 +284,41 @@ def test_between_scans_that_fill_the_time_a_walk_is_tied_to_their_means() -> Non
     means = walks.reshape(-1, 2, steps).mean(axis=2)
     at_scan, between = walks[:, steps // 2] - means[:, 0], walks[:, steps] - means.mean(axis=1)
     for span_s, seen in ((last - first, np.var(between) - np.var(at_scan)), (0.0, None)):
-        filled = replace(track, span_s=span_s)
-        cov = _bridge(filled, np.array([5]), np.array([0.5]))[0]
-        by_drift = (track.displacement_cov[here] - track.filtered.P[here][np.ix_(XYR, XYR)])[:2, :2]
-        stated = cov[0, 0] - by_drift[0, 0] / 16
+        filled = replace(track, beams_s=track.t[:, None] + span_s * np.array([-0.5, 0.5]))
+        stated = _bridge(filled, np.array([5]), np.array([0.5]))[0, 0, 0]
         expected = seen if seen is not None else 0.25 * growth * (last - first)
         assert stated == pytest.approx(expected, rel=0.12)
 
 
+def test_a_compass_without_drift_is_right_again_at_the_next_scan() -> None:
+    track = follow_scans(without_drift(circling(stop_s=20.0)), load_config())
+    new, _, cov = track.predict(3, np.append([0.0, 0.2], np.add(track.pose(2), [0.0, 0.0, 0.2])))
+    np.testing.assert_allclose(new[2:], track.pose(3), atol=1e-12)
+    assert new[1] == 0.0
+    assert cov[4, 4] == pytest.approx(track.white_yaw[3])
+
+
 def test_a_compass_error_that_matches_show_is_carried_on() -> None:
     track = follow_scans(circling(), load_config())
-    last, h = np.add(track.pose(7), [3.0, -2.0, 0.2]), 1e-6
-    pose, J, _ = track.predict(8, last)
-    assert 0.15 < wrap_angle(pose[2] - track.pose(8)[2]) < 0.2
-    for axis, step in enumerate(h * np.eye(3)):
+    last, h = np.append([0.01, 0.2], np.add(track.pose(7), [3.0, -2.0, 0.2])), 1e-6
+    new, J, _ = track.predict(8, last)
+    assert 0.15 < wrap_angle(new[4] - track.pose(8)[2]) < 0.2
+    assert 0.15 < new[1] < 0.2
+    for axis, step in enumerate(h * np.eye(5)):
         ahead, behind = (track.predict(8, last + sign * step)[0] for sign in (1, -1))
         np.testing.assert_allclose((ahead - behind) / (2 * h), J[:, axis], atol=1e-6)
+
+
+def test_without_a_compass_the_way_is_turned_too() -> None:
+    track = follow_scans(circling(compass=False), load_config())
+    last, h = np.append([0.02, 0.0], track.pose(7)), 1e-6
+    new, J, _ = track.predict(8, last)
+    straight = np.subtract(track.pose(8), track.pose(7))[:2]
+    np.testing.assert_allclose(new[2:4] - last[2:4], planar_rotations(0.02) @ straight)
+    for axis, step in enumerate(h * np.eye(5)[[0, 2, 3, 4]]):
+        ahead, behind = (track.predict(8, last + sign * step)[0] for sign in (1, -1))
+        column = [0, 2, 3, 4][axis]
+        np.testing.assert_allclose((ahead - behind) / (2 * h), J[:, column], atol=1e-6)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -300,19 +345,19 @@ def test_the_poses_of_scans_are_kept_by_the_trajectory(mission: Mission) -> None
     )
     planar = np.array([0, 1, 5])
     assert scans.cov_pose_n is not None
-    # constant errors of compass and velocity, which the filter does not know, turn and stretch all
+    # what the filter does not know of constant errors turns and stretches all
     errors, zero = ConsideredErrors.of(mission), np.zeros(len(scans))
     north, east = (scans.p_n - trajectory.p_n[0])[:, :2].T
     turned = np.zeros((len(scans), 3, 3))
     for sigma, *way in (
         (errors.heading, -east, north, zero + 1.0),
-        (errors.misalignment, -east, north, zero),
         (errors.scale, north, east, zero),
     ):
         by_one = sigma * np.stack(way, axis=1)
         turned += by_one[:, :, None] * by_one[:, None]
-    # and the heading of a scan's time is not quite that of its beams
-    turned[:, 2, 2] += track.frame_yaw_variance
+    # and a single reading of the compass is not quite the heading of the scan
+    if track.drift is not None:
+        turned[:, 2, 2] += track.filtered.P[track.record, YAW, YAW]
     np.testing.assert_allclose(
         scans.cov_pose_n[:, planar[:, None], planar],
         pose_filter.state.marginals + turned,

@@ -211,6 +211,7 @@ DEFAULTS: dict[str, dict[str, float | bool | None]] = {
         "bias_sigma_deg": 5.0,
         "disturbance_sigma_deg": 4.0,
         "disturbance_time_s": 120.0,
+        "disturbance_smooth": False,
         "declination_deg": 0.0,
         "magnetic": False,
     },

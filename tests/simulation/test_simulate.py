@@ -211,6 +211,7 @@ def test_matched_heading_error_has_the_stated_parts() -> None:
     total = np.linalg.norm([noise.sigma_deg, noise.bias_sigma_deg, noise.disturbance_sigma_deg])
     assert np.degrees(np.sqrt(np.mean(whole))) == pytest.approx(total, rel=0.15)
     assert noise.disturbance_time_s == settings.drift_time_s
+    assert not noise.disturbance_smooth
 
 
 def test_walls_disturb_the_heading_as_much_as_stated(mission: Mission) -> None:
@@ -225,6 +226,21 @@ def test_walls_disturb_the_heading_as_much_as_stated(mission: Mission) -> None:
     assert np.sqrt(np.mean(walls_deg**2)) == pytest.approx(
         sensor.noise["disturbance_sigma_deg"], rel=0.01
     )
+
+
+def test_walls_disturb_the_heading_as_smoothly_as_stated(mission: Mission) -> None:
+    """Over seconds a Gauss-Markov process of that spread and time changes far more."""
+    noise = HeadingNoise.model_validate(dict(mission.sensors["heading"].noise))
+    assert noise.disturbance_smooth
+    t = np.arange(0.0, mission.span_s[1], 0.5)
+    walls_deg = np.degrees(wall_disturbance(WORLD, truth_at(t).p_n, HeadingSimulation()))
+    for lag_s in (1.0, 3.0, 6.0):
+        k = round(lag_s / 0.5)
+        seen = np.sqrt(np.mean((walls_deg[k:] - walls_deg[:-k]) ** 2))
+        a = lag_s / noise.disturbance_time_s
+        smooth, rough = noise.disturbance_sigma_deg * np.sqrt(2 * -np.expm1([-(a**2), -a]))
+        assert seen == pytest.approx(smooth, rel=0.5)
+        assert seen < 0.75 * rough
 
 
 def test_attitude_depth_and_odometry_noise(matched: Mission) -> None:
