@@ -199,8 +199,8 @@ def test_a_cloud_that_is_missing_is_rejected(tmp_path: Path) -> None:
         ("[1, 2]", "must be a map"),
         ("sensors: {depth: {file: d.csv}", "mission.yaml:1: not YAML"),
         ("a: b: c", "mission.yaml:1: not YAML"),
-        ("sensors: {}", "sensors: Dictionary should have at least 1 item"),
-        ("name: x", "sensors: Field required"),
+        ("sensors: {}", "sensors: {} must hold at least 1"),
+        ("name: x", "sensors: is missing"),
         ("sensors: {depth: {file: d.csv}}\nsensor: 1", "unknown key 'sensor'; the choices are"),
         (
             "sensors: {depth: {file: d.csv, xyz: [0, 0, 0]}}",
@@ -208,13 +208,13 @@ def test_a_cloud_that_is_missing_is_rejected(tmp_path: Path) -> None:
         ),
         ("sensors: {bow: {file: d.csv}}", "sensors.bow: unknown sensor type 'bow'; the choices"),
         ("sensors: {depth: {file: gone.csv}}", "file 'gone.csv' is missing"),
-        ("sensors: {depth: d.csv}", "sensors.depth: Input should be a valid dictionary"),
-        ("sensors: {depth: {}}", "sensors.depth.file: Field required"),
+        ("sensors: {depth: d.csv}", 'sensors.depth: "d.csv" stands where a map of keys belongs'),
+        ("sensors: {depth: {}}", "sensors.depth.file: is missing"),
         ("sensors: {depth: {file: d.csv, xyz_m: [0, 0]}}", "sensors.depth.xyz_m"),
         ("sensors: {depth: {file: d.csv, xyz_m: [0, 0, .nan]}}", "sensors.depth.xyz_m.2"),
         (
             "sensors: {depth: {file: d.csv, noise: {sigma: 1}}}",
-            "sensors.depth: noise.sigma: Extra inputs are not permitted; the choices are: sigma_m",
+            "sensors.depth: noise.sigma: unknown; the choices are: sigma_m",
         ),
         (
             "sensors: {imu: {file: d.csv, noise: {gyro_noise_density_deg_sqrth: 0.3}}}",
@@ -228,7 +228,7 @@ def test_a_cloud_that_is_missing_is_rejected(tmp_path: Path) -> None:
         ),
         (
             "sensors: {depth: {file: d.csv, noise: {sigma_m: -1}}}",
-            "sensors.depth: noise.sigma_m: Input should be greater than 0",
+            "sensors.depth: noise.sigma_m: -1 must be above 0",
         ),
         (
             "sensors: {depth: {file: d.csv}, depth: {file: e.csv}}",
