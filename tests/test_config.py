@@ -93,7 +93,7 @@ def test_override_values_are_read_as_yaml() -> None:
         ("gnss=all", "config key 'gnss': \"all\" stands where a map of keys belongs"),
         (
             "graph.robust.gnss=none",
-            "'graph.robust.gnss': \"none\" stands where a map of keys belongs; its keys are: kernel,"
+            '"none" stands where a map of keys belongs; its keys are: kernel,'
             " threshold, gate_probability",
         ),
     ],
