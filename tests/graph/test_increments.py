@@ -52,7 +52,7 @@ def test_a_gyro_bias_that_the_estimate_knows_leaves_no_contradiction(bias: list[
 
 def test_a_displacement_in_error_shows() -> None:
     R_ab, p_a = driven(np.array([0.0, 0.0, 0.05]))
-    error = residual((R_ab, p_a), (R_ab, p_a + [0.1, -0.2, 0.3]))
+    error = residual((R_ab, p_a), (R_ab, p_a + np.array([0.1, -0.2, 0.3])))
     assert np.linalg.norm(error) == pytest.approx(np.linalg.norm([0.1, -0.2, 0.3]))
 
 
