@@ -9,9 +9,11 @@ import gtsam_nav as gn
 from gtsam_nav.frames import Array, rotation_from_rpy
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import X
+from gtsam_nav.simulation import SimulationSettings
 
 SIGMA_M = 0.03
 STEP_S, DURATION_S, SPEED_M_S = 1e-3, 5.0, 1.0
+SHORTLY_SURFACED = ("gnss.use=window", "gnss.window_s=[0,3]")
 
 
 def driven(rate_b: Array) -> tuple[Array, Array]:
@@ -62,3 +64,14 @@ def test_a_clean_mission_without_a_compass_contradicts_nothing(seed: int) -> Non
     mission = gn.simulate("marina", seed, 200.0)
     mission = mission.without("heading", "attitude", "odometry", "landmarks", "gnss")
     assert not gn.estimate(mission, "graph").warnings
+
+
+@pytest.mark.slow
+def test_fixes_too_close_to_show_a_yaw_do_not_swing_the_track() -> None:
+    settings = SimulationSettings(sonar=None, landmarks=None, odometry=None)
+    mission = gn.simulate("marina", 1, 200.0, settings).without("heading", "attitude")
+    solution = gn.estimate(mission, "graph", gn.load_config(None, SHORTLY_SURFACED))
+    assert not solution.georeferenced
+    ate = gn.evaluate(solution).ate.se2
+    assert ate is not None
+    assert ate.mean < 8.0  # its gyro's bias is unknown: it turns by so much
