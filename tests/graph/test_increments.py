@@ -68,10 +68,10 @@ def test_a_clean_mission_without_a_compass_contradicts_nothing(seed: int) -> Non
 
 @pytest.mark.slow
 def test_fixes_too_close_to_show_a_yaw_do_not_swing_the_track() -> None:
-    settings = SimulationSettings(sonar=None, landmarks=None, odometry=None)
-    mission = gn.simulate("marina", 1, 200.0, settings).without("heading", "attitude")
+    mission = gn.simulate("marina", 1, 150.0, SimulationSettings(sonar=None))
+    mission = mission.without("heading", "attitude", "odometry", "landmarks")
     solution = gn.estimate(mission, "graph", gn.load_config(None, SHORTLY_SURFACED))
     assert not solution.georeferenced
     ate = gn.evaluate(solution).ate.se2
     assert ate is not None
-    assert ate.mean < 8.0  # its gyro's bias is unknown: it turns by so much
+    assert ate.mean < 3.0  # the gyro's bias is unknown: it turns by so much
