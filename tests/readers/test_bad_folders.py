@@ -48,6 +48,13 @@ def test_a_malformed_file_is_an_error_that_names_it(
     assert "x.csv" in str(caught.value)
 
 
+def test_what_is_not_finite_in_a_vector_is_named_as_the_file_names_it(tmp_path: Path) -> None:
+    text = "t,vx,vy,vz\n0,1,nan,0\n1,nan,inf,nan\n2,1,0,nan\n3,1,0,0\n"
+    mission = open_mission(one_sensor_folder(tmp_path, "dvl", text))
+    reasons = [r.reason for r in mission.rejections]
+    assert reasons == ["non-finite vy", "non-finite v_d", "non-finite vz"]
+
+
 @pytest.mark.parametrize(
     ("text", "reasons"),
     [
