@@ -237,8 +237,7 @@ def _non_finite(
         yield name, ~_whole_rows(~lacking)
         return
     yield name, np.all(lacking, axis=1)
-    for component, mask in zip(components, lacking.T, strict=True):
-        yield component, mask
+    yield from zip(components, lacking.T, strict=True)
 
 
 def _whole_rows(mask: BoolArray) -> BoolArray:
