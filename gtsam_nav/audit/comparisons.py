@@ -43,6 +43,7 @@ from gtsam_nav.audit.speeds import (
     speed_pairs,
     stated_scales,
 )
+from gtsam_nav.audit.tilt import TiltPair, tilt_findings, tilt_pairs
 from gtsam_nav.audit.turns import (
     TurnPair,
     Turns,
@@ -83,6 +84,7 @@ class Comparisons:
     wrong_scale : tuple of str
         Who is too fast or too slow.
     vertical : tuple of VerticalPair
+    tilts : tuple of TiltPair
     antennas : dict of str to AntennaFit
     """
 
@@ -99,6 +101,7 @@ class Comparisons:
     speeds: tuple[SpeedPair, ...]
     wrong_scale: tuple[str, ...]
     vertical: tuple[VerticalPair, ...]
+    tilts: tuple[TiltPair, ...]
     antennas: dict[str, AntennaFit]
 
     @property
@@ -158,6 +161,7 @@ def compare(mission: Mission) -> Comparisons:
         speeds=speeds,
         wrong_scale=wrong_scale,
         vertical=vertical_pairs(mission),
+        tilts=tilt_pairs(mission),
         antennas=antennas,
     )
 
@@ -179,6 +183,7 @@ def comparison_findings(mission: Mission, c: Comparisons) -> Iterator[Finding]:
         yield from implausible_findings(mission, dvl)
     yield from speed_findings(mission, c.speeds, c.wrong_scale)
     yield from vertical_findings(mission, c.vertical, upside_down)
+    yield from tilt_findings(c.tilts)
     for name, fit in c.antennas.items():
         yield from lever_findings(mission.sensors[name], fit)
     yield from clock_findings(_clock_pairs(mission, c))
