@@ -9,6 +9,7 @@ import numpy as np
 
 from gtsam_nav.audit.agreement import Lag, Signal
 from gtsam_nav.audit.antenna import AntennaFit, antenna_fit, lever_findings, steady_yaw
+from gtsam_nav.audit.bearings import bearing_findings
 from gtsam_nav.audit.clocks import ClockPair, clock_findings
 from gtsam_nav.audit.courses import (
     BOW,
@@ -184,6 +185,8 @@ def comparison_findings(mission: Mission, c: Comparisons) -> Iterator[Finding]:
     yield from speed_findings(mission, c.speeds, c.wrong_scale)
     yield from vertical_findings(mission, c.vertical, upside_down)
     yield from tilt_findings(c.tilts)
+    if not c.suspects_motion:
+        yield from bearing_findings(mission)
     for name, fit in c.antennas.items():
         yield from lever_findings(mission.sensors[name], fit)
     yield from clock_findings(_clock_pairs(mission, c))
