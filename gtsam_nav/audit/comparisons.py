@@ -60,6 +60,9 @@ from gtsam_nav.mission import Mission
 from gtsam_nav.sensors.noise import DvlNoise, HeadingNoise, OdometryNoise
 from gtsam_nav.series import HeadingSeries
 
+TIMED = ("imu", "dvl", "odometry", "heading", "depth", "gnss")
+"""Types of sensor that see a motion which others see too."""
+
 
 @dataclass(frozen=True)
 class Comparisons:
@@ -189,7 +192,8 @@ def comparison_findings(mission: Mission, c: Comparisons) -> Iterator[Finding]:
         yield from bearing_findings(mission)
     for name, fit in c.antennas.items():
         yield from lever_findings(mission.sensors[name], fit)
-    yield from clock_findings(_clock_pairs(mission, c))
+    timed = [s.name for s in mission.sensors.values() if s.type in TIMED and len(s.series) > 1]
+    yield from clock_findings(_clock_pairs(mission, c), timed if len(timed) > 1 else ())
 
 
 def _course_findings(
