@@ -29,46 +29,53 @@ FEWEST_PAIRS = 10
 
 def bearing_findings(mission: Mission) -> Iterator[Finding]:
     """Judge the sign of the bearings of each sensor that sees ranges, bearings and ids."""
-    sensors = [s for s in mission.of_type("landmarks") if _sees_all(s.series)]
-    if not sensors:
-        return
+    sensors = [s for s in mission.of_type("landmarks") if _sees_all(s)]
     try:
-        motion = planar_motion(mission, MotionSettings())
+        motion = planar_motion(mission, MotionSettings()) if sensors else None
     except DataError:  # nothing measures the turns
         return
-    for sensor in sensors if motion is not None else ():
-        pairs = _pairs(sensor.series)
-        if len(pairs) < FEWEST_PAIRS:
-            continue
-        errors = np.array([_moves_m(s, motion, pairs) for s in (sensor, _reversed(sensor))])
-        loss = losses(errors)
-        stated_m, reversed_m = np.median(errors, axis=1)
-        read = f"{len(pairs)} pairs of sightings lie {stated_m:.2f} m apart in the median"
-        if prefers(loss[0], loss[1]):
-            message = f"{read}, and {reversed_m:.2f} m with reversed bearings: counter-clockwise"
-            fix = fixes.scale("bearing_deg", -1)
-            yield Finding("bearing sign", sensor.name, "warning", message, fix)
-        elif prefers(loss[1], loss[0]):
-            yield Finding("bearing sign", sensor.name, "ok", read)
-        else:
-            yield Finding("bearing sign", sensor.name, "ok", f"{read}; the sign shows in none")
+    if motion is None:
+        return
+    for sensor in sensors:
+        pairs = _pairs(sensor)
+        if len(pairs) >= FEWEST_PAIRS:
+            yield _judged(sensor, motion, pairs)
 
 
-def _sees_all(series: LandmarkSeries) -> bool:
-    return (
-        series.range_m is not None and series.bearing is not None and bool(np.any(series.id >= 0))
-    )
+def _judged(sensor: Sensor, motion: PlanarMotion, pairs: IntArray) -> Finding:
+    errors = np.array([_moves_m(s, motion, pairs) for s in (sensor, _reversed(sensor))])
+    loss = losses(errors)
+    stated_m, reversed_m = np.median(errors, axis=1)
+    read = f"{len(pairs)} pairs of sightings lie {stated_m:.2f} m apart in the median"
+    if prefers(loss[0], loss[1]):
+        message = f"{read}, and {reversed_m:.2f} m with reversed bearings: counter-clockwise"
+        fix = fixes.scale("bearing_deg", -1)
+        return Finding("bearing sign", sensor.name, "warning", message, fix)
+    if prefers(loss[1], loss[0]):
+        return Finding("bearing sign", sensor.name, "ok", read)
+    return Finding("bearing sign", sensor.name, "ok", f"{read}; the sign shows in none")
+
+
+def _seen(sensor: Sensor) -> LandmarkSeries:
+    assert isinstance(sensor.series, LandmarkSeries)
+    return sensor.series
+
+
+def _sees_all(sensor: Sensor) -> bool:
+    series = _seen(sensor)
+    measured = series.range_m is not None and series.bearing is not None
+    return measured and bool(np.any(series.id >= 0))
 
 
 def _reversed(sensor: Sensor) -> Sensor:
-    assert isinstance(sensor.series, LandmarkSeries)
-    assert sensor.series.bearing is not None
-    return replace(sensor, series=replace(sensor.series, bearing=-sensor.series.bearing))
+    series = _seen(sensor)
+    assert series.bearing is not None
+    return replace(sensor, series=replace(series, bearing=-series.bearing))
 
 
-def _pairs(series: LandmarkSeries) -> IntArray:
+def _pairs(sensor: Sensor) -> IntArray:
     """Sightings (k, 2) of one landmark as far apart as `NEAR_S` allows, one after the other."""
-    found = []
+    series, found = _seen(sensor), []
     for name in np.unique(series.id[series.id >= 0]):
         own = np.flatnonzero(series.id == name)
         t, k = series.t[own], 0
@@ -82,11 +89,10 @@ def _pairs(series: LandmarkSeries) -> IntArray:
 
 def _moves_m(sensor: Sensor, motion: PlanarMotion, pairs: IntArray) -> Array:
     """How far the second sighting of each pair places the landmark from the first, m."""
-    series = sensor.series
-    assert isinstance(series, LandmarkSeries)
+    series = _seen(sensor)
     seen_b, _ = level_points(series, sensor)
     p, course, _ = motion.at(series.t)
     c, s = np.cos(course), np.sin(course)
     x, y = seen_b.T
     places = p + np.column_stack([c * x - s * y, s * x + c * y])
-    return np.linalg.norm(places[pairs[:, 1]] - places[pairs[:, 0]], axis=1)
+    return np.asarray(np.linalg.norm(places[pairs[:, 1]] - places[pairs[:, 0]], axis=1))
