@@ -14,7 +14,7 @@ import numpy as np
 import gtsam_nav as gn
 from gtsam_nav.frames import Array, rotation_from_rpy, wrap_angle
 from gtsam_nav.mission import Mission
-from gtsam_nav.simulation.settings import GnssSimulation, SimulationSettings
+from gtsam_nav.simulation.settings import GnssSimulation, LandmarkSimulation, SimulationSettings
 
 G_M_S2 = 9.80665
 KNOT_M_S = 0.514444
@@ -144,6 +144,8 @@ def _read_as_degrees(heading: Array) -> Array:
 
 SILENT = SimulationSettings(sonar=None)
 """The marina without its sonar, which takes most of the time."""
+SIGHTED = SimulationSettings(sonar=None, landmarks=LandmarkSimulation(max_range_m=25.0))
+"""In clear water: the default's camera sees too few landmarks to tell anything of it."""
 STERN = SimulationSettings(sonar=None, gnss=GnssSimulation(xyz_m=LONG_ARM_M))
 
 MISTAKES = (
@@ -170,6 +172,14 @@ MISTAKES = (
             "heading against course", "heading", "rpy_deg: [0, 0, -180]", SILENT),
     Mistake("heading in radians", "marina", column("heading", "heading", _read_as_degrees),
             "heading unit", "heading", "scale: {heading_deg: 57.29578}", SILENT),
+    Mistake("roll reversed", "marina", column("attitude", "roll", np.negative),
+            "roll sign", "attitude", "scale: {roll_deg: -1}", SILENT),
+    Mistake("pitch reversed", "marina", column("attitude", "pitch", np.negative),
+            "pitch sign", "attitude", "scale: {pitch_deg: -1}", SILENT),
+    Mistake("depth upward", "marina", column("depth", "depth_m", np.negative),
+            "depth sign", "depth", "scale: {depth_m: -1}", SILENT),
+    Mistake("bearings reversed", "marina", column("landmarks", "bearing", np.negative),
+            "bearing sign", "landmarks", "scale: {bearing_deg: -1}", SIGHTED),
     Mistake("mirrored sonar", "marina", column("sonar", "angle", np.negative),
             "sonar handedness", "sonar", "rpy_deg: [180"),
     Mistake("sonar head offset 20 deg", "marina", turned("sonar", 20.0),

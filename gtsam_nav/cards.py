@@ -23,7 +23,7 @@ from gtsam_nav.frames import Array, rotation_from_rpy
 from gtsam_nav.mission import Constraints
 from gtsam_nav.sensors.noise import G_M_S2, NOISE_MODELS, figure_names
 from gtsam_nav.series import SERIES_TYPES
-from gtsam_nav.settings import Settings, first_fault
+from gtsam_nav.settings import Settings, first_fault, in_words
 from gtsam_nav.yaml_files import YamlError, read_yaml_file
 
 MISSION_SECTION = "mission"
@@ -129,9 +129,9 @@ class SensorCard(Described):
         except ValidationError as error:
             first = error.errors()[0]
             key = ".".join(["noise", *(str(part) for part in first["loc"])])
-            what = first["msg"].removeprefix("Value error, ")
+            what = in_words(first)
             if first["type"] == "extra_forbidden":
-                what = f"{what}; the choices are: {', '.join(figure_names(self.type))}"
+                what = f"unknown; the choices are: {', '.join(figure_names(self.type))}"
             raise ValueError(f"{key}: {what}") from error
         return self
 

@@ -24,7 +24,7 @@ from gtsam_nav.preprocess.gnss_policy import GnssSettings
 from gtsam_nav.preprocess.settings import MotionSettings
 from gtsam_nav.registration.settings import CorrelativeSettings, Open3dSettings, PicSettings
 from gtsam_nav.sensors.settings import LandmarkSettings
-from gtsam_nav.settings import Settings
+from gtsam_nav.settings import Settings, in_words
 from gtsam_nav.sonar.settings import SonarSettings
 from gtsam_nav.yaml_files import YamlError, parse_yaml, read_yaml_file
 
@@ -138,12 +138,20 @@ def _explain(error: ValidationError, path: Path | None) -> str:
     location = [str(part) for part in first["loc"]]
     key = ".".join(location)
     where = f"{path}: " if path is not None else ""
+    if first["type"] == "model_type":
+        keys = ", ".join(_keys(location))
+        return f"{where}config key '{key}': {in_words(first)}; its keys are: {keys}"
     if first["type"] != "extra_forbidden":
-        return f"{where}config key '{key}': {first['msg']}"
-    section: Any = Config()
-    for part in location[:-1]:
-        section = getattr(section, part)
-    choices = list(type(section).model_fields)
+        return f"{where}config key '{key}': {in_words(first)}"
+    choices = _keys(location[:-1])
     if path is not None and len(location) == 1:
         choices.append(f"{MISSION_SECTION} (a mission's card: its sensors stand there)")
     return f"{where}unknown config key '{key}'; the choices are: {', '.join(choices)}"
+
+
+def _keys(location: Sequence[str]) -> list[str]:
+    """The keys of a section."""
+    section: Any = Config()
+    for part in location:
+        section = getattr(section, part)
+    return list(type(section).model_fields)

@@ -152,7 +152,7 @@ def estimate(
     from gtsam_nav.preprocess.agility import fitted_to
     from gtsam_nav.preprocess.gnss_policy import split_fixes
     from gtsam_nav.preprocess.stamp_units import check_stamp_units
-    from gtsam_nav.preprocess.turning import warnings_on_turns
+    from gtsam_nav.preprocess.turning import bounded_by_way, warnings_on_turns
     from gtsam_nav.solution import no_progress
 
     check_method(method)
@@ -177,6 +177,8 @@ def estimate(
     except (RuntimeError, ArithmeticError, LinAlgError) as error:
         what = " ".join(str(error).split())[:300]
         raise EstimationError(f"{method} could not solve '{mission.name}': {what}") from error
+    if _has_velocity(blind):
+        solution = replace(solution, trajectory=bounded_by_way(solution.trajectory))
     return replace(
         solution,
         reference=reference,

@@ -79,10 +79,23 @@ def test_override_values_are_read_as_yaml() -> None:
         ("gnss.use=[", "the value is not YAML"),
         ("seed.x=1", "config key 'seed'"),
         ("gnss.use=sometimes", r"config key 'gnss\.use'.*'all'.*'none'.*'window'"),
-        ("gnss.every_k=0", r"config key 'gnss\.every_k'.*greater than or equal to 1"),
-        ("gnss.window_s=[5, 5]", r"config key 'gnss'.*start must be before stop"),
-        ("motion.rate_hz=fast", r"config key 'motion\.rate_hz'.*number"),
-        ("gnss=all", "config key 'gnss'"),
+        ("gnss.use=sometimes", "\"sometimes\" is unknown; the choices are: 'all', 'none'"),
+        ("gnss.every_k=0", r"config key 'gnss\.every_k': 0 must be at least 1"),
+        ("gnss.every_k=1.5", "1.5 stands where a whole number belongs"),
+        ("gnss.window_s=[5, 5]", r"config key 'gnss': .*start must be before stop"),
+        ("gnss.window_s=5", "5 stands where a list belongs"),
+        ("gnss.window_s=[5]", r"config key 'gnss\.window_s\.1': is missing"),
+        ("gnss.window_s=[5, 6, 7]", r"\[5, 6, 7\] must hold at most 2"),
+        ("motion.rate_hz=fast", r"config key 'motion\.rate_hz': \"fast\" stands where a number"),
+        ("pic.max_iterations=null", "null stands where a whole number belongs"),
+        ("sonar.use=none", '"none" stands where true or false belongs'),
+        ("graph.loops.consistency_probability=1", "1 must be below 1"),
+        ("gnss=all", "config key 'gnss': \"all\" stands where a map of keys belongs"),
+        (
+            "graph.robust.gnss=none",
+            '"none" stands where a map of keys belongs; its keys are: kernel,'
+            " threshold, gate_probability",
+        ),
     ],
 )
 def test_bad_overrides_are_named(override: str, complaint: str) -> None:

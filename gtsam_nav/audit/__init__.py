@@ -12,7 +12,7 @@ from gtsam_nav.audit.findings import Finding
 from gtsam_nav.audit.heading import HeadingAgainstCourse
 from gtsam_nav.audit.motion import DvlLock, dvl_lock, initial_rest_s, lock_findings
 from gtsam_nav.audit.place import place_findings
-from gtsam_nav.audit.repeats import repeat_findings
+from gtsam_nav.audit.repeats import repeat_findings, stuck_findings
 from gtsam_nav.audit.sonar import SonarHead, sonar_findings, sonar_head
 from gtsam_nav.audit.sonar_map import map_findings, map_likeness, sweeps_of
 from gtsam_nav.audit.timing import (
@@ -107,9 +107,9 @@ def audit(mission: Mission) -> Audit:
     sonars = mission.of_type("beams")
     heads = {s.name: sonar_head(s) for s in sonars}
     places = [f for gnss in mission.of_type("gnss") for f in place_findings(mission, gnss)]
-    stamps = tuple(stamp_findings(mission))
-    # at another time or in another part of the world a sensor says nothing true of the others
-    away = [str(f.sensor) for f in (*stamps, *places) if f.severity == "warning"]
+    stamps, stuck = tuple(stamp_findings(mission)), tuple(stuck_findings(mission))
+    # at another time, in another part of the world or stuck it says nothing true of the others
+    away = [str(f.sensor) for f in (*stamps, *stuck, *places) if f.severity == "warning"]
     together = mission.without(*away)
     compared = compare(together)
 
@@ -117,6 +117,7 @@ def audit(mission: Mission) -> Audit:
         for timing in timings:
             yield from timing_findings(timing)
         yield from stamps
+        yield from stuck
         for sensor in mission.sensors.values():
             if sensor.type != "reference":
                 yield from repeat_findings(sensor)

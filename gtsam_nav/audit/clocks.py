@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,8 +53,15 @@ class ClockPair:
         return abs(self.lag.lag_s) > self.limit_s
 
 
-def clock_findings(pairs: Sequence[ClockPair]) -> Iterator[Finding]:
-    """Judge the clocks of all sensors that are compared with any other."""
+def clock_findings(pairs: Sequence[ClockPair], others: Collection[str] = ()) -> Iterator[Finding]:
+    """Judge the clocks of all sensors that are compared with any other.
+
+    Parameters
+    ----------
+    pairs : sequence of ClockPair
+    others : collection of str
+        Sensors whose clocks matter too: those that no pair names are said to be unknown.
+    """
     apart = [p for p in pairs if p.apart]
     least_s = min((abs(p.lag.lag_s) for p in apart), default=np.inf)
     together = [p for p in pairs if not p.apart and p.limit_s < least_s]
@@ -73,12 +80,17 @@ def clock_findings(pairs: Sequence[ClockPair]) -> Iterator[Finding]:
         or_else = f", unless the clock of {' or '.join(others)} is wrong" if others else ""
         message = f"its stamps show {seen}{or_else}"
         yield Finding("clock offset", name, "warning", message, fixes.later(offset_s))
-    if pairs and not apart:
-        yield Finding("clock offset", None, "ok", _agreement(pairs))
+    compared = {name for p in pairs for name in p.pair}
+    unknown = [name for name in others if name not in compared]
+    read = [_agreement(pairs)] if pairs and not apart else []
+    if unknown:
+        read.append(f"of the clock of {' and '.join(unknown)} nothing tells")
+    if read:
+        yield Finding("clock offset", None, "ok", "; ".join(read))
 
 
 def _agreement(pairs: Sequence[ClockPair]) -> str:
-    """Whose clocks agree, and of whose the data do not tell."""
+    """Whose clocks agree, and of whose the data do not tell enough."""
     telling = [p for p in pairs if not p.is_vague]
     told = sorted({name for p in telling for name in p.pair})
     read = []

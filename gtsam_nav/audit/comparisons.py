@@ -9,6 +9,7 @@ import numpy as np
 
 from gtsam_nav.audit.agreement import Lag, Signal
 from gtsam_nav.audit.antenna import AntennaFit, antenna_fit, lever_findings, steady_yaw
+from gtsam_nav.audit.bearings import bearing_findings
 from gtsam_nav.audit.clocks import ClockPair, clock_findings
 from gtsam_nav.audit.courses import (
     BOW,
@@ -43,6 +44,7 @@ from gtsam_nav.audit.speeds import (
     speed_pairs,
     stated_scales,
 )
+from gtsam_nav.audit.tilt import TiltPair, tilt_findings, tilt_pairs
 from gtsam_nav.audit.turns import (
     TurnPair,
     Turns,
@@ -57,6 +59,9 @@ from gtsam_nav.audit.vertical import VerticalPair, vertical_findings, vertical_p
 from gtsam_nav.mission import Mission
 from gtsam_nav.sensors.noise import DvlNoise, HeadingNoise, OdometryNoise
 from gtsam_nav.series import HeadingSeries
+
+TIMED = ("imu", "dvl", "odometry", "heading", "depth", "gnss")
+"""Types of sensor that see a motion which others see too."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +88,7 @@ class Comparisons:
     wrong_scale : tuple of str
         Who is too fast or too slow.
     vertical : tuple of VerticalPair
+    tilts : tuple of TiltPair
     antennas : dict of str to AntennaFit
     """
 
@@ -99,6 +105,7 @@ class Comparisons:
     speeds: tuple[SpeedPair, ...]
     wrong_scale: tuple[str, ...]
     vertical: tuple[VerticalPair, ...]
+    tilts: tuple[TiltPair, ...]
     antennas: dict[str, AntennaFit]
 
     @property
@@ -158,6 +165,7 @@ def compare(mission: Mission) -> Comparisons:
         speeds=speeds,
         wrong_scale=wrong_scale,
         vertical=vertical_pairs(mission),
+        tilts=tilt_pairs(mission),
         antennas=antennas,
     )
 
@@ -179,9 +187,13 @@ def comparison_findings(mission: Mission, c: Comparisons) -> Iterator[Finding]:
         yield from implausible_findings(mission, dvl)
     yield from speed_findings(mission, c.speeds, c.wrong_scale)
     yield from vertical_findings(mission, c.vertical, upside_down)
+    yield from tilt_findings(c.tilts)
+    if not c.suspects_motion:
+        yield from bearing_findings(mission)
     for name, fit in c.antennas.items():
         yield from lever_findings(mission.sensors[name], fit)
-    yield from clock_findings(_clock_pairs(mission, c))
+    timed = [s.name for s in mission.sensors.values() if s.type in TIMED and len(s.series) > 1]
+    yield from clock_findings(_clock_pairs(mission, c), timed if len(timed) > 1 else ())
 
 
 def _course_findings(

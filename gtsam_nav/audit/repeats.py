@@ -1,4 +1,4 @@
-"""Messages that are sent again under a new stamp."""
+"""Messages that are sent again under a new stamp, or for ever."""
 
 from __future__ import annotations
 
@@ -9,13 +9,24 @@ import numpy as np
 from gtsam_nav.audit.findings import Finding
 from gtsam_nav.audit.significance import FALSE_ALARM
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import Sensor
+from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.repeats import measured_columns, repeats_of
 
 RESOLVED_STEPS = 10
 """A column whose usual change is fewer steps of its resolution repeats by itself."""
+FEWEST_EQUAL = 20
+"""So many samples that measure anything at all are not equal to the last digit."""
 ARITHMETIC = 1e-3
 """What the arithmetic of units adds to a change, as a share of their root mean square, at most."""
+
+
+def stuck_findings(mission: Mission) -> Iterator[Finding]:
+    """Sensors whose samples are all the same."""
+    for sensor in mission.sensors.values():
+        again = None if sensor.type == "reference" else repeats_of(sensor.series)
+        if again is not None and len(again) >= FEWEST_EQUAL and np.all(again[1:]):
+            message = f"all {len(again)} samples are equal to the last digit: it measures nothing"
+            yield Finding("stuck", sensor.name, "warning", message)
 
 
 def repeat_findings(sensor: Sensor) -> Iterator[Finding]:

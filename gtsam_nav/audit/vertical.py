@@ -18,6 +18,9 @@ from gtsam_nav.audit.findings import Finding
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.series import DepthSeries, DvlSeries, ImuSeries
 
+ABOVE_M = 0.5
+"""So far above the water neither a bad zero nor the air pressure puts a gauge at the surface."""
+
 
 @dataclass(frozen=True)
 class VerticalPair:
@@ -89,8 +92,22 @@ def vertical_findings(
     )
     for kind, column, check in (("dvl", "vz", "velocity axes"), ("depth", "depth_m", "depth sign")):
         sensor = mission.first(kind)
-        if sensor is None or sensor.name not in wrong:
+        if sensor is None:
+            continue
+        if sensor.name not in wrong:
+            yield from _above_the_water(sensor)
             continue
         others = [p.x if p.y == sensor.name else p.y for p in counted if sensor.name in p.pair]
         message = f"goes up where {' and '.join(others)} goes down: {column} reversed"
         yield Finding(check, sensor.name, "warning", message, fixes.scale(column, -1))
+
+
+def _above_the_water(sensor: Sensor) -> Iterator[Finding]:
+    """A gauge whose depths say that it flies."""
+    series = sensor.series
+    if not isinstance(series, DepthSeries):
+        return
+    height_m = -float(np.median(series.depth_m))
+    if height_m > ABOVE_M:
+        message = f"half of the time it is {height_m:.1f} m or more above the water: reversed"
+        yield Finding("depth sign", sensor.name, "warning", message, fixes.scale("depth_m", -1))

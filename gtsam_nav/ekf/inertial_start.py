@@ -5,11 +5,12 @@ What a sensor measures is wide here: its own first reading narrows it, and is no
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gtsam_nav.ekf.strapdown import ACCEL_BIAS, GYRO_BIAS, NU, RHO, SIZE, THETA, InertialState
+from gtsam_nav.ekf.yaw_by_fixes import yaw_shown_by_fixes
 from gtsam_nav.frames import Array, earth_rate_n, quaternion_from_rpy, rotation_from_rpy
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.alignment import align
@@ -59,6 +60,11 @@ def inertial_start(mission: Mission, imu: Sensor) -> InertialStart:
         fx, fy, fz = rest.force_b
         rpy[:2] = np.arctan2(-fy, -fz), np.arctan2(fx, np.hypot(fy, fz))
     rpy[2], sigma_yaw, gyrocompass = _yaw(mission, imu, rest, rpy)
+    shown = None
+    if not (begin.heading_known or gyrocompass):
+        shown = yaw_shown_by_fixes(mission, imu, replace(begin, rpy=rpy))
+    if shown is not None:
+        rpy[2], sigma_yaw = shown.yaw, shown.sigma
     R_nb = rotation_from_rpy(rpy)
     p_n, sigma_p = begin.p_n.copy(), begin.sigma_p.copy()
     if mission.initial.p_n is None and begin.georeferenced:
@@ -77,6 +83,7 @@ def inertial_start(mission: Mission, imu: Sensor) -> InertialStart:
     P[ACCEL_BIAS, ACCEL_BIAS] = noise.accel_bias_sigma_m_s2**2 * np.eye(3)
     state = InertialState(begin.t, quaternion_from_rpy(rpy), p_n, v_n, np.zeros(3), np.zeros(3))
     known = begin.heading_known or gyrocompass or mission.first("gnss") is not None
+    known = known and (shown is None or shown.in_world)
     return InertialStart(state, P, rest, gyrocompass, begin.georeferenced and known)
 
 

@@ -24,6 +24,7 @@ from gtsam_nav.graph.backend import graph_of
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.least_squares import solve_batch
 from gtsam_nav.graph.measurements import build_problem
+from gtsam_nav.graph.measurements.imu import preintegrable
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.readings import Reading, made
 from gtsam_nav.graph.robust import Robustness
@@ -111,7 +112,8 @@ def find_clocks(
     while (moved > STILL_SIGMAS or width > 1.0) and rounds < MAX_ROUNDS:
         corrected = clocks.corrected(mission)
         if measures_velocity(mission):
-            motion = vehicle_motion(corrected, start, config.motion)
+            level = preintegrable(corrected, config.graph.imu_min_rate_hz)
+            motion = vehicle_motion(corrected, start, config.motion, level)
         problem = build_problem(corrected, start, motion, t, config)
         values = _start(problem, values)
         width = _narrowed(problem, values, width)

@@ -16,7 +16,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, G, L, M, S, X
 
-from gtsam_nav.frames import Array, rotation_from_rpy
+from gtsam_nav.frames import Array, rotation_from_rpy, skew
 from gtsam_nav.graph.robust import KernelName, Robustness
 from gtsam_nav.registration.result import RelativePose
 
@@ -166,8 +166,17 @@ def no_gain(a: int, b: int, sigma: Array) -> Any:
 def increment(
     a: int, b: int, R_ab: Array, p_a: Array, rotation_precisions: Array, sigma_p: float
 ) -> Any:
-    """Motion from keyframe a to b: ``R_ab' (R_a' (p_b - p_a) - p_ab)``, and rotation if known."""
-    noise = precisions([*rotation_precisions, *[1 / sigma_p**2] * 3, 0, 0, 0])
+    """Motion from keyframe a to b, and rotation if known.
+
+    With ``e = Log(R_ab' R_a' R_b)``, what the estimate turns further than the measured motion did,
+    ``R_ab' (R_a' (p_b - p_a) - p_ab) - e x R_ab' p_ab / 2``: the way bends with the turn. A gyro's
+    bias makes such an error evenly, and white noise does so in the mean.
+    """
+    root = np.zeros((9, 9))
+    root[:3, :3] = np.diag(np.sqrt(rotation_precisions))
+    root[3:6, 3:6] = np.eye(3) / sigma_p
+    root[3:6, :3] = 0.5 / sigma_p * skew(R_ab.T @ p_a)
+    noise = gtsam.noiseModel.Gaussian.SqrtInformation(root, False)
     measured = nav_state(R_ab, p_a, np.zeros(3))
     return gtsam.BetweenFactorNavState(a, b, measured, noise)
 

@@ -6,6 +6,7 @@ graph's states are.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,6 +32,7 @@ from gtsam_nav.preprocess.motion import (
     offset_from_fixes,
     turn_onto_fixes,
     vehicle_motion,
+    velocity_sensor,
 )
 from gtsam_nav.preprocess.planar_motion import planar_motion
 from gtsam_nav.series import ImuSeries
@@ -46,6 +48,9 @@ COMPASS_INTERVAL_S = 2.0
 to all others in it; ..."""
 MOST_BY_COMPASS = 3600
 """... and no more than these: those of a longer mission are further apart."""
+
+TAKEN_ONCE = ("imu", "dvl", "odometry", "heading", "attitude", "depth")
+"""Types of sensor of which the graph takes one; of the others it takes all."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +85,23 @@ def made_ready(mission: Mission, config: Config, clock: StageClock, progress: Pr
         mission = clocks.corrected(mission)
         if clocks.errors:
             start, motion = start_and_motion(mission, config)
-    return Ready(mission, config, start, motion, clocks, (*nameless, *warnings))
+    twins = tuple(_idle_twins(mission, config))
+    return Ready(mission, config, start, motion, clocks, (*nameless, *warnings, *twins))
+
+
+def _idle_twins(mission: Mission, config: Config) -> Iterator[str]:
+    """Sensors that are left out because another of their type is taken."""
+    imu = preintegrable(mission, config.graph.imu_min_rate_hz)
+    taken = {velocity_sensor(mission), imu.name if imu is not None else None}
+    for kind in TAKEN_ONCE:
+        sensors = mission.of_type(kind)
+        first = next((s for s in sensors if s.name in taken), next(iter(sensors), None))
+        for sensor in sensors:
+            if sensor is not first and first is not None:
+                yield (
+                    f"'{sensor.name}' is left out: of several sensors of type {kind} the graph"
+                    f" takes one, '{first.name}'"
+                )
 
 
 def _identified(mission: Mission, config: Config) -> tuple[Mission, Config]:
@@ -119,7 +140,8 @@ def start_and_motion(mission: Mission, config: Config) -> tuple[Alignment, Vehic
 def _moved(mission: Mission, start: Alignment, config: Config) -> VehicleMotion:
     if moves_by_edges(mission):
         return edge_motion(mission, start)
-    return vehicle_motion(mission, start, config.motion)
+    level = preintegrable(mission, config.graph.imu_min_rate_hz)
+    return vehicle_motion(mission, start, config.motion, level)
 
 
 def _start_on_map(mission: Mission, config: Config) -> Alignment | None:

@@ -4,7 +4,7 @@ The reasons, in the order in which they are tried:
 
 =======================  =========================================================================
 (the reader's own)       what only the format knows, such as ``no fix``
-``non-finite <column>``  NaN or infinity
+``non-finite <column>``  NaN or infinity; the component of a vector where not all of it is
 ``clock jump``           a stamp hours away from the stretch that most samples form
 ``implausible <column>`` outside what any vehicle does, or a sigma that is not positive
 ``no valid sample``      all samples of a DVL without any valid one
@@ -19,7 +19,7 @@ know what the vehicle can do.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Any, TypeVar
 
@@ -73,6 +73,7 @@ def tidy(
     *,
     refused: Mapping[str, BoolArray] | None = None,
     max_speed_m_s: float = np.inf,
+    components: Mapping[str, Sequence[str]] | None = None,
     **constants: Any,
 ) -> tuple[AnySeries | None, list[Rejection]]:
     """Make a series of raw columns.
@@ -92,6 +93,8 @@ def tidy(
         Reasons of the format's own, with the samples that they hit.
     max_speed_m_s : float
         Largest plausible speed of a DVL.
+    components : mapping of str to sequence of str, optional
+        What the file calls the components of a vector.
     **constants
         Fields of the series that are no columns.
 
@@ -108,7 +111,12 @@ def tidy(
     if series_type is LandmarkSeries:
         raw = _of_what_is_measured(raw)
     kept, rejections = screen(
-        series_type, sensor_name, raw, refused=refused, max_speed_m_s=max_speed_m_s
+        series_type,
+        sensor_name,
+        raw,
+        refused=refused,
+        max_speed_m_s=max_speed_m_s,
+        components=components,
     )
     if not len(kept):
         return None, rejections
@@ -123,6 +131,7 @@ def screen(
     *,
     refused: Mapping[str, BoolArray] | None = None,
     max_speed_m_s: float = np.inf,
+    components: Mapping[str, Sequence[str]] | None = None,
 ) -> tuple[IntArray, list[Rejection]]:
     """Indices of the usable samples in the order of time, and why the others are not."""
     t = np.asarray(columns["t"], dtype=float)
@@ -135,7 +144,8 @@ def screen(
         refuse(mask, reason)
     for name, values in columns.items():
         if values.dtype.kind == "f":
-            refuse(~_whole_rows(np.isfinite(values)), f"non-finite {name}")
+            for what, mask in _non_finite(name, values, (components or {}).get(name)):
+                refuse(mask, f"non-finite {what}")
     usable = np.flatnonzero(reasons == "")
     refuse(_marked(usable[_displaced(t[usable])], len(t)), "clock jump")
     for name, mask in _implausible(series_type, columns, max_speed_m_s):
@@ -216,6 +226,18 @@ def _of_what_is_measured(columns: Columns) -> dict[str, Any]:
     """Columns of sightings without the sigmas and elevations of what is not measured."""
     idle = {name for what, names in GOES_WITH.items() if what not in columns for name in names}
     return {name: values for name, values in columns.items() if name not in idle}
+
+
+def _non_finite(
+    name: str, values: NDArray[Any], components: Sequence[str] | None
+) -> Iterator[tuple[str, BoolArray]]:
+    """What of a column is not finite in which samples: all of a vector, or a component."""
+    lacking = ~np.isfinite(values)
+    if values.ndim != 2 or components is None:
+        yield name, ~_whole_rows(~lacking)
+        return
+    yield name, np.all(lacking, axis=1)
+    yield from zip(components, lacking.T, strict=True)
 
 
 def _whole_rows(mask: BoolArray) -> BoolArray:

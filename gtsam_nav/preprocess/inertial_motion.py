@@ -8,27 +8,21 @@ integration alone.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, earth_rate_n, rotation_from_rpy, rpy_from_rotation
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.alignment import Alignment, at_rest
+from gtsam_nav.preprocess.levelling import MAX_GAP_S, Readings, levelled, readings_of
 from gtsam_nav.preprocess.motion import VehicleMotion, heading_less_turn, motion_grid
 from gtsam_nav.preprocess.robust_trend import robust_trend
 from gtsam_nav.preprocess.settings import MotionSettings
-from gtsam_nav.preprocess.strapdown import gravity_at, integrate, readings_at_origin
+from gtsam_nav.preprocess.strapdown import gravity_at, integrate
 from gtsam_nav.sensors.noise import ImuNoise
 from gtsam_nav.sensors.orientation import headings_true, tilt_at
 from gtsam_nav.series import GnssSeries
 
-MAX_GAP_S = 0.2
-"""Over a longer silence of the IMU the vehicle is taken to keep its velocity."""
-LEVELLING_S = 1.0
-"""Specific forces are averaged over so long for a reading of roll and pitch."""
-LEAST_TILT_SIGMA_RAD = np.radians(0.5)
 ACCELERATION_ERROR_M_S2 = 0.3
 """What accelerations that were turned by a guessed attitude are wrong by, over a second."""
 FASTEST_M_S = 100.0
@@ -38,26 +32,6 @@ MANOEUVRE_M_S2 = 1.0
 LEAST_COURSE_SPEED_M_S = 1.0
 SIDESLIP_RAD = np.radians(5.0)
 REST_S = 2.0
-
-
-@dataclass(frozen=True)
-class Readings:
-    """Inertial readings at the body's origin, along body axes; ``silent`` marks the long steps."""
-
-    t: Array
-    gyro_b: Array
-    accel_b: Array
-
-    @property
-    def silent(self) -> Array:
-        """Which of the n - 1 steps are longer than an IMU that works would make them."""
-        return np.asarray(np.diff(self.t) > MAX_GAP_S)
-
-    def integral(self, rate: Array) -> Array:
-        """Of a rate (n,) over time, zero where the readings are silent; shape (n,)."""
-        steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(self.t)
-        steps[self.silent] = 0.0
-        return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def inertial_motion(mission: Mission, start: Alignment, settings: MotionSettings) -> VehicleMotion:
@@ -74,7 +48,7 @@ def inertial_motion(mission: Mission, start: Alignment, settings: MotionSettings
             f"mission '{mission.name}': the motion needs a DVL with valid samples, odometry or an"
             f" IMU; the mission has: {', '.join(sorted(mission.sensors)) or 'no sensor'}"
         )
-    readings = Readings(imu.series.t, *readings_at_origin(imu))
+    readings = readings_of(imu)
     fixes = mission.first("gnss")
     if fixes is None or len(fixes.series) < 2:
         rpy, p_n, v_n, bias_b = _unaided(mission, readings, imu, start)
@@ -148,7 +122,7 @@ def _attitude(
     if mission.first("attitude") is not None:
         tilt, _ = tilt_at(mission, readings.t)
     else:
-        tilt, bias_b[:2] = _levelled(readings, noise)
+        tilt, bias_b[:2] = levelled(readings, noise)
     sr, cr = np.sin(tilt[:, 0]), np.cos(tilt[:, 0])
     yaw_rate = (sr * readings.gyro_b[:, 1] + cr * readings.gyro_b[:, 2]) / np.cos(tilt[:, 1])
     turned = readings.integral(yaw_rate)
@@ -161,38 +135,6 @@ def _attitude(
         offset, bias_b[2] = _course_less_turn(fixes, readings, turned, noise, start.rpy[2])
         yaw = turned + offset
     return np.column_stack([tilt, yaw]), bias_b
-
-
-def _levelled(readings: Readings, noise: ImuNoise) -> tuple[Array, Array]:
-    """Roll and pitch (n, 2), and the mean gyro biases about x and y."""
-    from gtsam_nav.preprocess._trend import smooth_trend
-
-    bins = ((readings.t - readings.t[0]) / LEVELLING_S).astype(np.int64)
-    _, which, count = np.unique(bins, return_inverse=True, return_counts=True)
-    fx, fy, fz = (np.bincount(which, axis) / count for axis in readings.accel_b.T)
-    t = np.bincount(which, readings.t) / count
-    level = np.column_stack([np.arctan2(-fy, -fz), np.arctan2(fx, np.hypot(fy, fz))])
-    variance = np.maximum(np.var(level, axis=0), LEAST_TILT_SIGMA_RAD**2)
-    tilt = np.stack([np.interp(readings.t, t, axis) for axis in level.T], axis=1)
-    bias = np.zeros(2)
-    for _ in range(2):  # the rates of roll and pitch depend on roll and pitch
-        sr, cr, tp = np.sin(tilt[:, 0]), np.cos(tilt[:, 0]), np.tan(tilt[:, 1])
-        p, q, r = readings.gyro_b.T
-        rates = (p + tp * (sr * q + cr * r), cr * q - sr * r)
-        for axis, rate in enumerate(rates):
-            turned = readings.integral(rate)
-            offset, trend, _, _ = smooth_trend(
-                t,
-                level[:, axis] - np.interp(t, readings.t, turned),
-                np.full(len(t), variance[axis]),
-                noise.gyro_noise_density_rad_s_sqrt_hz**2,
-                noise.gyro_bias_walk_rad_s2_sqrt_hz**2,
-                noise.gyro_bias_sigma_rad_s**2,
-                np.inf,
-            )
-            tilt[:, axis] = turned + np.interp(readings.t, t, offset)
-            bias[axis] = -np.mean(trend)
-    return tilt, bias
 
 
 def _course_less_turn(

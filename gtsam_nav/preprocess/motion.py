@@ -13,13 +13,14 @@ import numpy as np
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, quaternion_from_rpy, rotation_from_rpy
-from gtsam_nav.mission import Mission, Rejection
+from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.preprocess.alignment import Alignment
 from gtsam_nav.preprocess.compass_turns import (
     disturbance_walk_rad2_s,
     smoothed_heading,
     turned_by_compass,
 )
+from gtsam_nav.preprocess.levelling import tilt_by
 from gtsam_nav.preprocess.settings import MotionSettings
 from gtsam_nav.preprocess.turning import unmeasured_yaw_variance_rad2_s
 from gtsam_nav.sensors.dvl import BodyVelocities, body_velocities
@@ -130,8 +131,18 @@ def velocity_sensor(mission: Mission) -> str | None:
     return None
 
 
-def vehicle_motion(mission: Mission, start: Alignment, settings: MotionSettings) -> VehicleMotion:
+def vehicle_motion(
+    mission: Mission, start: Alignment, settings: MotionSettings, level: Sensor | None = None
+) -> VehicleMotion:
     """Dead-reckon a mission's motion.
+
+    Parameters
+    ----------
+    mission : Mission
+    start : Alignment
+    settings : MotionSettings
+    level : Sensor, optional
+        IMU that tells roll and pitch where no AHRS does; without it such a vehicle is level.
 
     Raises
     ------
@@ -143,7 +154,10 @@ def vehicle_motion(mission: Mission, start: Alignment, settings: MotionSettings)
     v_b, sigma_v, position_variance, usual_growth, rejections = _velocities(
         mission, t, settings, turns.gyro_bias_b
     )
-    tilt, _ = tilt_at(mission, t)
+    if level is not None and mission.first("attitude") is None:
+        tilt = tilt_by(level, t)
+    else:
+        tilt, _ = tilt_at(mission, t)
     rpy = np.column_stack([tilt, turns.yaw])
     v_n = np.einsum("nij,nj->ni", rotation_from_rpy(rpy), v_b)
     steps = 0.5 * (v_n[1:] + v_n[:-1]) * np.diff(t)[:, None]

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
+
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.settings import MotionSettings
+from gtsam_nav.trajectory import UNIFORM_YAW_SIGMA, Trajectory
 
 TURNING_TYPES = {"heading": "a heading", "imu": "an IMU", "odometry": "odometry"}
 """Sensors that measure a heading or a rate of turn."""
@@ -33,3 +38,31 @@ def warnings_on_turns(method: str, mission: Mission) -> tuple[str, ...]:
         " scans tell it, the yaw stays that of the start and its sigma grows to that of a direction"
         " nobody knows",
     )
+
+
+def bounded_by_way(trajectory: Trajectory) -> Trajectory:
+    """A trajectory no less sure of its place than the way that it has gone allows.
+
+    To first order a yaw that may be any puts a vehicle at any distance, and across its way alone.
+    But where its speed was measured, two ways of length L from the same start end at most 2 L
+    apart, and ``sqrt(2) L`` in the root mean square over all directions. Where the yaw is less sure
+    than one of which nothing is known, and the place than that, the place is taken to lie
+    anywhere about it; the velocity, which is as fast in any direction, likewise.
+    """
+    if trajectory.cov_pose_n is None:
+        return trajectory
+    cov, sigma_v_n = trajectory.cov_pose_n.copy(), trajectory.sigma_v_n
+    steps = np.linalg.norm(np.diff(trajectory.p_n[:, :2], axis=0), axis=1)
+    way_m = np.concatenate([[0.0], np.cumsum(steps)])
+    spread = cov[:, 0, 0] + cov[:, 1, 1]
+    most = spread[0] + 2.0 * way_m**2
+    lost = (cov[:, 5, 5] > UNIFORM_YAW_SIGMA**2) & (spread > most)
+    if not np.any(lost):
+        return trajectory
+    cov[lost, :2], cov[lost, :, :2] = 0.0, 0.0
+    cov[lost, 0, 0] = cov[lost, 1, 1] = 0.5 * most[lost]
+    if trajectory.v_n is not None and sigma_v_n is not None:
+        speed = np.hypot(np.linalg.norm(trajectory.v_n, axis=1), sigma_v_n[:, 2])
+        sigma_v_n = sigma_v_n.copy()
+        sigma_v_n[lost, :2] = speed[lost, None]
+    return replace(trajectory, cov_pose_n=cov, sigma_v_n=sigma_v_n)

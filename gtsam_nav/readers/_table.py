@@ -87,7 +87,7 @@ def read_table(
     if missing:
         raise DataError(
             f"column '{missing[0]}' is missing; needed are {', '.join(needed)}{or_else}; "
-            f"the header names {', '.join(names)[:200]}",
+            f"the header names {', '.join(names)[:200]}{_hint(names, missing[0])}",
             path,
             1,
         )
@@ -109,6 +109,17 @@ def read_table(
         if name in wanted
     }
     return Table(path, columns, unknown, rows.cut_stamp)
+
+
+def _hint(names: list[str], missing: str) -> str:
+    """What is probably wrong with a header that lacks a column."""
+    if any(mark in name for name in names for mark in ";\t"):
+        return ": the fields must be separated by commas"
+    if f'"{missing}"' in names:
+        return ": without quotation marks"
+    if missing in [name.lower() for name in names]:
+        return ": capitals are other letters"
+    return ""
 
 
 def _own_names(header: list[str], renamed: Mapping[str, str], path: Path) -> list[str]:

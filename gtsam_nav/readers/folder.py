@@ -225,6 +225,7 @@ class _Reading:
             columns,
             refused=_not_whole(layout, columns),
             max_speed_m_s=getattr(noise, "max_speed_m_s", np.inf),
+            components={spec.series: spec.columns for spec in layout},
             **constants,
         )
         return series, rejections + table.cut(name)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gtsam_nav as gn
+from gtsam_nav.audit import audit
 from gtsam_nav.audit.agreement import Lag
 from gtsam_nav.audit.clocks import ClockPair, clock_findings
 from gtsam_nav.audit.findings import Finding
@@ -63,3 +65,10 @@ def test_what_the_data_cannot_tell_is_no_agreement() -> None:
     assert "agree" not in alone.message
     (doubted,) = clock_findings([pair("gnss", "imu", 0.02, stated_s=0.5)])
     assert "the clocks of gnss, imu agree" in doubted.message
+
+
+def test_a_clock_that_nothing_tells_is_said() -> None:
+    mission = gn.simulate("laps", 2, 100.0)
+    (finding,) = [f for f in audit(mission).findings if f.check == "clock offset"]
+    assert finding.severity == "ok"
+    assert "of the clock of gnss nothing tells" in finding.message

@@ -7,12 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gtsam_nav.audit import audit
 from gtsam_nav.audit.findings import Finding
-from gtsam_nav.audit.repeats import repeat_findings
+from gtsam_nav.audit.repeats import repeat_findings, stuck_findings
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import Sensor
+from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.repeats import REPEATED, repeats_of, without_repeats
 from gtsam_nav.series import DepthSeries, DvlSeries, HeadingSeries
+from gtsam_nav.simulation import simulate
 
 N = 2000
 RNG = np.random.default_rng(2)
@@ -90,3 +92,17 @@ def test_repeats_are_dropped_with_their_reason() -> None:
     assert {r.reason for r in rejections} == {REPEATED}
     assert [r.index for r in rejections[:2]] == [9, 19]
     assert found(replace(sensor, series=series)) == []
+
+
+def test_a_sensor_that_reads_the_same_throughout_is_stuck() -> None:
+    dead = compass(np.full(N, 1.5))
+    (finding,) = stuck_findings(Mission("dead", {"heading": dead}))
+    assert (finding.check, finding.sensor, finding.severity) == ("stuck", "heading", "warning")
+    assert not list(stuck_findings(Mission("alive", {"heading": compass(TURNING)})))
+
+
+def test_what_a_stuck_sensor_says_of_others_is_not_told() -> None:
+    mission = simulate("laps", 2, 100.0)
+    dead = mission.with_sensor(compass(np.full(N, 1.5)))
+    warned = [f.check for f in audit(dead).findings if f.severity == "warning"]
+    assert warned == ["stuck"]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -76,3 +78,11 @@ def test_the_one_that_contradicts_both_others_is_reversed() -> None:
 def test_an_accelerometer_that_is_upside_down_is_no_witness() -> None:
     assert fixes(mission(accel=-1.0).without("depth"), upside_down=True) == {}
     assert fixes(mission(dvl=-1.0, accel=-1.0), upside_down=True).keys() == {"dvl", "depth"}
+
+
+def test_a_gauge_that_flies_counts_upward() -> None:
+    calm = mission().sensors["depth"]
+    dived = Mission("calm", {"depth": replace(calm, series=replace(calm.series, depth_m=T[::8]))})
+    assert fixes(dived) == {}
+    flying = replace(calm, series=replace(calm.series, depth_m=-T[::8]))
+    assert fixes(Mission("calm", {"depth": flying})) == {"depth": "scale: {depth_m: -1}"}

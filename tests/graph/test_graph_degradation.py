@@ -92,6 +92,14 @@ def test_odometry_stands_in_for_the_dvl(mission: Mission) -> None:
     assert rmse_m(solution) < 1.0
 
 
+def test_a_second_sensor_of_a_kind_is_said_to_be_left_out(mission: Mission) -> None:
+    twin = replace(mission.sensors["dvl"], name="aft_dvl")
+    few = mission.without("sonar", "landmarks", "imu").crop(0.0, 10.0)
+    assert not any("of several sensors" in said for said in estimated(few).warnings)
+    said = "'aft_dvl' is left out: of several sensors of type dvl the graph takes one, 'dvl'"
+    assert said in estimated(few.with_sensor(twin)).warnings
+
+
 def test_without_gnss_nothing_is_georeferenced(mission: Mission) -> None:
     solution = estimated(mission.without("gnss"))
     assert_sound(solution)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.sparse import coo_array
+from scipy.spatial.transform import Rotation
 
 from gtsam_nav.config import Config
 from gtsam_nav.frames import Array
@@ -85,15 +86,21 @@ def dense_solution(case: Case, keyframes: IntArray) -> Dense:
     for d in case.problem.displacements:
         J, r = d.entry.factor.linearize(case.values).jacobian()
         root = np.linalg.norm(J[3, 12:15])
-        R_a = case.values.atNavState(X(d.k - 1)).attitude().matrix()
+        R_a, R_b = (case.values.atNavState(X(k)).attitude().matrix() for k in (d.k - 1, d.k))
         p_a, p_b = (case.values.atNavState(X(k)).position() for k in (d.k - 1, d.k))
+        further = Rotation.from_matrix(d.R_ab.T @ R_a.T @ R_b).as_rotvec()
+        bend = 0.5 * np.cross(further, d.R_ab.T @ d.p_a)
 
         def residual(
-            scale: float, turn: float, d: Any = d, p: Array = R_a.T @ (p_b - p_a)
+            scale: float,
+            turn: float,
+            d: Any = d,
+            p: Array = R_a.T @ (p_b - p_a),
+            bend: Array = bend,
         ) -> Array:
             c, s = np.cos(turn), np.sin(turn)
             turned = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ d.p_a
-            return np.asarray(d.R_ab.T @ (p - (1 + scale) * turned))
+            return np.asarray(d.R_ab.T @ (p - (1 + scale) * turned) - bend)
 
         h = 1e-6
         J_d = root * np.column_stack(

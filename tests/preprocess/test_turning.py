@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 import gtsam_nav as gn
-from gtsam_nav.preprocess.turning import warnings_on_turns
+from gtsam_nav.preprocess.turning import bounded_by_way, warnings_on_turns
 
 
 def test_a_heading_that_nothing_tells_is_said_and_claimed_by_none() -> None:
@@ -19,6 +20,25 @@ def test_a_heading_that_nothing_tells_is_said_and_claimed_by_none() -> None:
         assert sigma is not None
         # a uniform direction's is 104
         assert 75.0 < np.degrees(sigma[-1, 2]) < 104.0
+
+
+def test_a_place_is_no_less_sure_than_the_way_that_led_there_is_long() -> None:
+    mission = gn.simulate("marina", seed=3, duration_s=150.0)
+    blind = mission.without("heading", "attitude", "imu", "odometry", "gnss", "sonar", "landmarks")
+    trajectory = gn.estimate(blind, "dr").trajectory
+    assert trajectory.sigma_p_n is not None
+    assert trajectory.v_n is not None
+    assert trajectory.sigma_v_n is not None
+    way_m = np.sum(np.linalg.norm(np.diff(trajectory.p_n[:, :2], axis=0), axis=1))
+    assert trajectory.sigma_p_n[-1, :2] == pytest.approx([way_m, way_m], rel=0.05)
+    speed_m_s = np.linalg.norm(trajectory.v_n[-1])
+    assert trajectory.sigma_v_n[-1, :2] == pytest.approx([speed_m_s, speed_m_s], rel=0.05)
+
+
+def test_a_yaw_that_is_known_leaves_the_covariance_as_it_is() -> None:
+    mission = gn.simulate("marina", seed=3, duration_s=20.0)
+    trajectory = gn.estimate(mission.without("sonar", "landmarks"), "dr").trajectory
+    assert bounded_by_way(trajectory) is trajectory
 
 
 def test_an_imu_alone_tells_the_turns_to_some_methods_only() -> None:

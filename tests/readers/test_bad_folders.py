@@ -29,6 +29,10 @@ def depth_folder(folder: Path, text: str | bytes) -> Path:
         ("\n\n", "the file is empty"),
         ("t,sigma\n0,1\n", "column 'depth_m' is missing; needed are t, depth_m"),
         ("0,1.0,0.1\n1,1.0,0.1\n", "column 't' is missing"),
+        ("t;depth_m\n0;1\n", "names t;depth_m: the fields must be separated by commas"),
+        ("t\tdepth_m\n0\t1\n", ": the fields must be separated by commas"),
+        ('"t","depth_m"\n"0","1"\n', ": without quotation marks"),
+        ("T,Depth_m\n0,1\n", "the header names T, Depth_m: capitals are other letters"),
         ("t,depth_m,t\n0,1,2\n", "column 't' is named twice"),
         ("t,depth_m\n0,1\n1,2,3\n2,1\n", "x.csv:3: 3 fields where 2 are needed"),
         ("t,depth_m\n0,1\n1\n2,1\n", "x.csv:3: 1 fields where 2 are needed"),
@@ -46,6 +50,13 @@ def test_a_malformed_file_is_an_error_that_names_it(
         open_mission(depth_folder(tmp_path, text))
     assert message in str(caught.value)
     assert "x.csv" in str(caught.value)
+
+
+def test_what_is_not_finite_in_a_vector_is_named_as_the_file_names_it(tmp_path: Path) -> None:
+    text = "t,vx,vy,vz\n0,1,nan,0\n1,nan,inf,nan\n2,1,0,nan\n3,1,0,0\n"
+    mission = open_mission(one_sensor_folder(tmp_path, "dvl", text))
+    reasons = [r.reason for r in mission.rejections]
+    assert reasons == ["non-finite vy", "non-finite v_d", "non-finite vz"]
 
 
 @pytest.mark.parametrize(
@@ -199,8 +210,8 @@ def test_a_cloud_that_is_missing_is_rejected(tmp_path: Path) -> None:
         ("[1, 2]", "must be a map"),
         ("sensors: {depth: {file: d.csv}", "mission.yaml:1: not YAML"),
         ("a: b: c", "mission.yaml:1: not YAML"),
-        ("sensors: {}", "sensors: Dictionary should have at least 1 item"),
-        ("name: x", "sensors: Field required"),
+        ("sensors: {}", "sensors: {} must hold at least 1"),
+        ("name: x", "sensors: is missing"),
         ("sensors: {depth: {file: d.csv}}\nsensor: 1", "unknown key 'sensor'; the choices are"),
         (
             "sensors: {depth: {file: d.csv, xyz: [0, 0, 0]}}",
@@ -208,13 +219,13 @@ def test_a_cloud_that_is_missing_is_rejected(tmp_path: Path) -> None:
         ),
         ("sensors: {bow: {file: d.csv}}", "sensors.bow: unknown sensor type 'bow'; the choices"),
         ("sensors: {depth: {file: gone.csv}}", "file 'gone.csv' is missing"),
-        ("sensors: {depth: d.csv}", "sensors.depth: Input should be a valid dictionary"),
-        ("sensors: {depth: {}}", "sensors.depth.file: Field required"),
+        ("sensors: {depth: d.csv}", 'sensors.depth: "d.csv" stands where a map of keys belongs'),
+        ("sensors: {depth: {}}", "sensors.depth.file: is missing"),
         ("sensors: {depth: {file: d.csv, xyz_m: [0, 0]}}", "sensors.depth.xyz_m"),
         ("sensors: {depth: {file: d.csv, xyz_m: [0, 0, .nan]}}", "sensors.depth.xyz_m.2"),
         (
             "sensors: {depth: {file: d.csv, noise: {sigma: 1}}}",
-            "sensors.depth: noise.sigma: Extra inputs are not permitted; the choices are: sigma_m",
+            "sensors.depth: noise.sigma: unknown; the choices are: sigma_m",
         ),
         (
             "sensors: {imu: {file: d.csv, noise: {gyro_noise_density_deg_sqrth: 0.3}}}",
@@ -228,7 +239,7 @@ def test_a_cloud_that_is_missing_is_rejected(tmp_path: Path) -> None:
         ),
         (
             "sensors: {depth: {file: d.csv, noise: {sigma_m: -1}}}",
-            "sensors.depth: noise.sigma_m: Input should be greater than 0",
+            "sensors.depth: noise.sigma_m: -1 must be above 0",
         ),
         (
             "sensors: {depth: {file: d.csv}, depth: {file: e.csv}}",

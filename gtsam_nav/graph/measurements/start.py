@@ -30,7 +30,9 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
         sigma_rpy[:2] = VAGUE_RAD
     elif problem.uses_imu and has_gnss:
         sigma_rpy[:2] = UNMEASURED_TILT_SIGMA_RAD
-    if mission.initial.heading is None and (problem.has_compass or has_gnss):
+    # fixes too close together to show a yaw would only swing the frame that begins with it
+    shows_yaw = has_gnss and (start.heading_known or not problem.measures_velocity)
+    if mission.initial.heading is None and (problem.has_compass or shows_yaw):
         sigma_rpy[2] = VAGUE_RAD
     if has_gnss and mission.initial.p_n is None:
         hint = factors.position_prior(X(0), problem.p_n[0], FIXES_SIGMAS * sigma_p)

@@ -1,0 +1,61 @@
+"""A yaw that no compass tells, shown by the first fixes beside measured velocities."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import gtsam_nav as gn
+from gtsam_nav.ekf.yaw_by_fixes import yaw_shown_by_fixes
+from gtsam_nav.frames import wrap_angle
+from gtsam_nav.mission import Mission
+from gtsam_nav.preprocess.alignment import align
+from gtsam_nav.series import ReferenceSeries
+from gtsam_nav.simulation import SimulationSettings
+
+UNHEADED = ("heading", "attitude", "odometry", "landmarks")
+
+
+def unheaded(seed: int, duration_s: float) -> Mission:
+    settings = SimulationSettings(sonar=None, landmarks=None)
+    return gn.simulate("marina", seed, duration_s, settings).without(*UNHEADED)
+
+
+def test_the_way_turned_onto_the_fixes_tells_the_yaw() -> None:
+    mission = unheaded(2, 70.0)
+    shown = yaw_shown_by_fixes(mission, mission.sensors["imu"], align(mission))
+    truth = mission.sensors["reference"].series
+    assert isinstance(truth, ReferenceSeries)
+    assert truth.rpy is not None
+    assert shown is not None
+    assert shown.in_world
+    assert np.radians(1.0) < shown.sigma < np.radians(30.0)
+    assert abs(wrap_angle(shown.yaw - truth.rpy[0, 2])) < 3.0 * shown.sigma
+
+
+def test_fixes_too_close_together_leave_the_yaw_to_the_local_frame() -> None:
+    mission = unheaded(2, 30.0)
+    gnss = mission.sensors["gnss"]
+    few = mission.with_sensor(replace(gnss, series=gnss.series.crop(0.0, 3.0)))
+    shown = yaw_shown_by_fixes(few, few.sensors["imu"], align(few))
+    assert shown is not None
+    assert not shown.in_world
+    assert not gn.estimate(few, "ins-ekf").georeferenced
+
+
+def test_without_fixes_or_velocities_nothing_is_shown() -> None:
+    mission = unheaded(2, 20.0)
+    for lacking in ("gnss", "dvl"):
+        less = mission.without(lacking)
+        assert yaw_shown_by_fixes(less, less.sensors["imu"], align(less)) is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 3])
+def test_the_filter_starts_in_the_direction_that_the_fixes_show(seed: int) -> None:
+    config = gn.load_config(None, ("gnss.use=window", "gnss.window_s=[0,120]"))
+    ate = gn.evaluate(gn.estimate(unheaded(seed, 200.0), "ins-ekf", config)).ate.none
+    assert ate is not None
+    assert ate.mean < 2.0
