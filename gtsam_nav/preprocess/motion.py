@@ -336,7 +336,8 @@ def _turns(mission: Mission, t: Array, start: Alignment, settings: MotionSetting
         return _Turns(start.rpy[2] + turned, rate_variance, bias_b)
     assert isinstance(imu.series, ImuSeries)
     noise = ImuNoise.model_validate(imu.noise)
-    offset, trend = heading_less_turn(headings, np.interp(headings.t, t, turned), noise)
+    walk = disturbance_walk_rad2_s(mission)
+    offset, trend = heading_less_turn(headings, np.interp(headings.t, t, turned), noise, walk)
     bias_b[:2] = (imu.series.gyro_i @ imu.R_bs.T).mean(axis=0)[:2]
     bias_b[2] = -float(np.mean(trend))
     yaw = turned + np.interp(t, headings.t, offset)
@@ -373,19 +374,28 @@ def _turned(mission: Mission, t: Array, settings: MotionSettings) -> tuple[Array
 
 
 def heading_less_turn(
-    headings: HeadingSeries, turned: Array, noise: ImuNoise
+    headings: HeadingSeries, turned: Array, noise: ImuNoise, disturbance_walk_rad2_s: float
 ) -> tuple[Array, Array]:
-    """Heading less the gyro's turn, smoothed as the gyro drifts; and its rate of change."""
+    """Heading less the gyro's turn, smoothed as the gyro drifts; and its rate of change.
+
+    What disturbs a compass must not bend the way: the graph takes it for an error of headings, not
+    of displacements. Gyro and disturbance walk alike, so that of what both walked the gyro's share
+    is expected to be that of its density.
+    """
     from gtsam_nav.preprocess._trend import smooth_trend
 
     difference = np.unwrap(headings.heading) - turned
+    gyro_walk = noise.gyro_noise_density_rad_s_sqrt_hz**2
     level, trend, _, _ = smooth_trend(
         headings.t,
         np.unwrap(difference),
         headings.sigma**2,
-        noise.gyro_noise_density_rad_s_sqrt_hz**2,
+        gyro_walk + disturbance_walk_rad2_s,
         noise.gyro_bias_walk_rad_s2_sqrt_hz**2,
         noise.gyro_bias_sigma_rad_s**2,
         np.inf,
     )
-    return level, trend
+    steps = 0.5 * (trend[1:] + trend[:-1]) * np.diff(headings.t)
+    walked = level - np.concatenate([[0.0], np.cumsum(steps)])
+    by_compass = disturbance_walk_rad2_s / (gyro_walk + disturbance_walk_rad2_s)
+    return level - by_compass * (walked - np.mean(walked)), trend
