@@ -110,7 +110,7 @@ def find_clocks(
     while (moved > STILL_SIGMAS or width > 1.0) and rounds < MAX_ROUNDS:
         corrected = clocks.corrected(mission)
         if measures_velocity(mission):
-            motion = vehicle_motion(corrected, start, config.motion)
+            motion = vehicle_motion(corrected, start, config.motion, config.graph.imu_min_rate_hz)
         problem = build_problem(corrected, start, motion, t, config)
         values = _start(problem, values)
         width = _narrowed(problem, values, width)

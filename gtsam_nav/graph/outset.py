@@ -119,7 +119,7 @@ def start_and_motion(mission: Mission, config: Config) -> tuple[Alignment, Vehic
 def _moved(mission: Mission, start: Alignment, config: Config) -> VehicleMotion:
     if moves_by_edges(mission):
         return edge_motion(mission, start)
-    return vehicle_motion(mission, start, config.motion)
+    return vehicle_motion(mission, start, config.motion, config.graph.imu_min_rate_hz)
 
 
 def _start_on_map(mission: Mission, config: Config) -> Alignment | None:

@@ -16,7 +16,6 @@ from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, earth_rate_n, rotation_from_rpy, rpy_from_rotation
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.alignment import Alignment, at_rest
-from gtsam_nav.preprocess.compass_turns import disturbance_walk_rad2_s
 from gtsam_nav.preprocess.motion import VehicleMotion, heading_less_turn, motion_grid
 from gtsam_nav.preprocess.robust_trend import robust_trend
 from gtsam_nav.preprocess.settings import MotionSettings
@@ -156,8 +155,7 @@ def _attitude(
     headings = headings_true(mission)
     if headings is not None and len(headings) > 1:
         there = np.interp(headings.t, readings.t, turned)
-        walk = disturbance_walk_rad2_s(mission)
-        offset, trend = heading_less_turn(headings, there, noise, walk)
+        offset, trend = heading_less_turn(headings, there, noise)
         yaw, bias_b[2] = turned + np.interp(readings.t, headings.t, offset), -np.mean(trend)
     else:
         offset, bias_b[2] = _course_less_turn(fixes, readings, turned, noise, start.rpy[2])

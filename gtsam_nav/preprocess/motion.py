@@ -130,8 +130,18 @@ def velocity_sensor(mission: Mission) -> str | None:
     return None
 
 
-def vehicle_motion(mission: Mission, start: Alignment, settings: MotionSettings) -> VehicleMotion:
+def vehicle_motion(
+    mission: Mission,
+    start: Alignment,
+    settings: MotionSettings,
+    gyro_min_rate_hz: float = np.inf,
+) -> VehicleMotion:
     """Dead-reckon a mission's motion.
+
+    Parameters
+    ----------
+    gyro_min_rate_hz : float
+        A slower gyro misses turns: there the compass is believed, whatever disturbs it.
 
     Raises
     ------
@@ -139,7 +149,7 @@ def vehicle_motion(mission: Mission, start: Alignment, settings: MotionSettings)
         Where nothing measures the velocity.
     """
     t = motion_grid(mission, start, settings)
-    turns = _turns(mission, t, start, settings)
+    turns = _turns(mission, t, start, settings, gyro_min_rate_hz)
     v_b, sigma_v, position_variance, usual_growth, rejections = _velocities(
         mission, t, settings, turns.gyro_bias_b
     )
@@ -321,7 +331,13 @@ class _Turns:
     compass_sigma: float | None = None
 
 
-def _turns(mission: Mission, t: Array, start: Alignment, settings: MotionSettings) -> _Turns:
+def _turns(
+    mission: Mission,
+    t: Array,
+    start: Alignment,
+    settings: MotionSettings,
+    gyro_min_rate_hz: float,
+) -> _Turns:
     """By the gyro and the compass, by either, by odometry, or none at all."""
     headings = headings_true(mission)
     imu = mission.first("imu")
@@ -336,7 +352,9 @@ def _turns(mission: Mission, t: Array, start: Alignment, settings: MotionSetting
         return _Turns(start.rpy[2] + turned, rate_variance, bias_b)
     assert isinstance(imu.series, ImuSeries)
     noise = ImuNoise.model_validate(imu.noise)
-    walk = disturbance_walk_rad2_s(mission)
+    t_imu = imu.series.t
+    follows = len(t_imu) > 1 and np.median(np.diff(t_imu)) <= 1.0 / gyro_min_rate_hz
+    walk = disturbance_walk_rad2_s(mission) if follows else 0.0
     offset, trend = heading_less_turn(headings, np.interp(headings.t, t, turned), noise, walk)
     bias_b[:2] = (imu.series.gyro_i @ imu.R_bs.T).mean(axis=0)[:2]
     bias_b[2] = -float(np.mean(trend))
@@ -374,13 +392,13 @@ def _turned(mission: Mission, t: Array, settings: MotionSettings) -> tuple[Array
 
 
 def heading_less_turn(
-    headings: HeadingSeries, turned: Array, noise: ImuNoise, disturbance_walk_rad2_s: float
+    headings: HeadingSeries, turned: Array, noise: ImuNoise, compass_walk_rad2_s: float = 0.0
 ) -> tuple[Array, Array]:
     """Heading less the gyro's turn, smoothed as the gyro drifts; and its rate of change.
 
     What disturbs a compass must not bend the way: the graph takes it for an error of headings, not
-    of displacements. Gyro and disturbance walk alike, so that of what both walked the gyro's share
-    is expected to be that of its density.
+    of displacements. It walks as the gyro does, so that of what both walked the gyro's share is
+    expected to be that of its density.
     """
     from gtsam_nav.preprocess._trend import smooth_trend
 
@@ -390,12 +408,12 @@ def heading_less_turn(
         headings.t,
         np.unwrap(difference),
         headings.sigma**2,
-        gyro_walk + disturbance_walk_rad2_s,
+        gyro_walk + compass_walk_rad2_s,
         noise.gyro_bias_walk_rad_s2_sqrt_hz**2,
         noise.gyro_bias_sigma_rad_s**2,
         np.inf,
     )
     steps = 0.5 * (trend[1:] + trend[:-1]) * np.diff(headings.t)
     walked = level - np.concatenate([[0.0], np.cumsum(steps)])
-    by_compass = disturbance_walk_rad2_s / (gyro_walk + disturbance_walk_rad2_s)
+    by_compass = compass_walk_rad2_s / (gyro_walk + compass_walk_rad2_s)
     return level - by_compass * (walked - np.mean(walked)), trend
