@@ -20,7 +20,6 @@ from gtsam_nav.preprocess.first_fixes import first_fixes, located
 from gtsam_nav.sensors import depth, dvl, gnss, orientation
 from gtsam_nav.sensors.noise import AttitudeNoise, DvlNoise, GnssNoise, HeadingNoise, OdometryNoise
 from gtsam_nav.sensors.prediction import Prediction
-from gtsam_nav.sensors.rates import angular_rate_b
 from gtsam_nav.series import AttitudeSeries, DepthSeries, GnssSeries, OdometrySeries
 
 
@@ -34,7 +33,7 @@ def aids_of(
         usable, dropped = _usable_fixes(receiver)
         rejections += dropped
         aids += _gnss(usable, mission, strapdown, config)
-    velocity_aids, dropped = _velocities(mission, config)
+    velocity_aids, dropped = _velocities(mission, strapdown, config)
     rejections += dropped
     aids += velocity_aids
     aids += _depths(mission, strapdown, config)
@@ -106,27 +105,30 @@ def _gnss(
     )
 
 
-def _velocities(mission: Mission, config: Config) -> tuple[list[Aid], list[Rejection]]:
+def _velocities(
+    mission: Mission, strapdown: Strapdown, config: Config
+) -> tuple[list[Aid], list[Rejection]]:
     """DVLs; odometry where no DVL measures."""
     gate, limit_s = config.ins_ekf.gate_probability, config.motion.water_lock_after_s
     aids: list[Aid] = []
     rejections: list[Rejection] = []
     for sensor in mission.of_type("dvl"):
-        found = dvl.body_velocities(sensor, angular_rate_b(mission, sensor.series.t), limit_s)
+        found = dvl.body_velocities(sensor, np.zeros((len(sensor.series), 3)), limit_s)
         rejections += found.rejections
-        aids.append(_dvl(found, DvlNoise.model_validate(sensor.noise), gate))
+        aids.append(_dvl(found, sensor, strapdown, gate))
     if not any(len(aid.t) for aid in aids):
-        aids = [_odometry(sensor, gate) for sensor in mission.of_type("odometry")]
+        aids = [_odometry(sensor, strapdown, gate) for sensor in mission.of_type("odometry")]
     return aids, rejections
 
 
-def _dvl(found: dvl.BodyVelocities, noise: DvlNoise, gate: float) -> Aid:
+def _dvl(found: dvl.BodyVelocities, sensor: Sensor, strapdown: Strapdown, gate: float) -> Aid:
+    noise = DvlNoise.model_validate(sensor.noise)
     scale, misalignment = noise.scale_sigma, np.radians(noise.misalignment_sigma_deg)
     errors = SharedErrors(np.array([scale, misalignment, 0.0, 0.0]), np.full(4, np.inf))
-    return _body_velocity(found, errors, gate)
+    return _body_velocity(found, errors, sensor.xyz_b, strapdown, gate)
 
 
-def _odometry(sensor: Sensor, gate: float) -> Aid:
+def _odometry(sensor: Sensor, strapdown: Strapdown, gate: float) -> Aid:
     """Velocities; the yaw rate is the gyro's to know. What drives or floats does not rise."""
     series, noise = sensor.series, OdometryNoise.model_validate(sensor.noise)
     assert isinstance(series, OdometrySeries)
@@ -138,11 +140,22 @@ def _odometry(sensor: Sensor, gate: float) -> Aid:
     )
     v_b = np.column_stack([series.v_b, np.zeros(len(series))])
     found = dvl.BodyVelocities(sensor.name, series.t, v_b, series.sigma_v, series.row)
-    return _body_velocity(found, errors, gate)
+    return _body_velocity(found, errors, np.zeros(3), strapdown, gate)
 
 
-def _body_velocity(found: dvl.BodyVelocities, errors: SharedErrors, gate: float) -> Aid:
-    """Velocities that share errors of scale, misalignment (clockwise), and slip on two axes."""
+def _body_velocity(
+    found: dvl.BodyVelocities,
+    errors: SharedErrors,
+    arm_b: Array,
+    strapdown: Strapdown,
+    gate: float,
+) -> Aid:
+    """Velocities at the end of an arm that share errors of scale, misalignment (clockwise), and
+    slip on two axes.
+
+    The arm turns by the gyro less its bias as it is known by then: a bias would lend the vehicle a
+    constant velocity sideways.
+    """
     some = errors.sigma > 0
 
     def by_error(state: InertialState) -> Array:
@@ -152,7 +165,8 @@ def _body_velocity(found: dvl.BodyVelocities, errors: SharedErrors, gate: float)
         return np.column_stack([scaled, turned, np.eye(3, 2)])[:, some]
 
     def velocity(k: int, state: InertialState, shared: Array) -> Prediction:
-        measured = found.v_b[k] - by_error(state) @ shared
+        turning_b = np.cross(strapdown.rate_b(state), arm_b)
+        measured = found.v_b[k] - turning_b - by_error(state) @ shared
         return dvl.predict(state.body, measured, float(found.sigma[k]))
 
     return Aid(

@@ -112,8 +112,8 @@ def find_clocks(
     while (moved > STILL_SIGMAS or width > 1.0) and rounds < MAX_ROUNDS:
         corrected = clocks.corrected(mission)
         if measures_velocity(mission):
-            level = preintegrable(corrected, config.graph.imu_min_rate_hz)
-            motion = vehicle_motion(corrected, start, config.motion, level)
+            fast_imu = preintegrable(corrected, config.graph.imu_min_rate_hz)
+            motion = vehicle_motion(corrected, start, config.motion, fast_imu)
         problem = build_problem(corrected, start, motion, t, config)
         values = _start(problem, values)
         width = _narrowed(problem, values, width)

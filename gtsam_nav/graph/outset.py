@@ -140,8 +140,8 @@ def start_and_motion(mission: Mission, config: Config) -> tuple[Alignment, Vehic
 def _moved(mission: Mission, start: Alignment, config: Config) -> VehicleMotion:
     if moves_by_edges(mission):
         return edge_motion(mission, start)
-    level = preintegrable(mission, config.graph.imu_min_rate_hz)
-    return vehicle_motion(mission, start, config.motion, level)
+    fast_imu = preintegrable(mission, config.graph.imu_min_rate_hz)
+    return vehicle_motion(mission, start, config.motion, fast_imu)
 
 
 def _start_on_map(mission: Mission, config: Config) -> Alignment | None:

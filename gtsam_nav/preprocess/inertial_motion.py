@@ -15,7 +15,8 @@ from gtsam_nav.frames import Array, earth_rate_n, rotation_from_rpy, rpy_from_ro
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.alignment import Alignment, at_rest
 from gtsam_nav.preprocess.levelling import MAX_GAP_S, Readings, levelled, readings_of
-from gtsam_nav.preprocess.motion import VehicleMotion, heading_less_turn, motion_grid
+from gtsam_nav.preprocess.measured_turns import heading_less_turn
+from gtsam_nav.preprocess.motion import VehicleMotion, motion_grid
 from gtsam_nav.preprocess.robust_trend import robust_trend
 from gtsam_nav.preprocess.settings import MotionSettings
 from gtsam_nav.preprocess.strapdown import gravity_at, integrate

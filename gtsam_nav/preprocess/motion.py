@@ -15,25 +15,17 @@ from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, quaternion_from_rpy, rotation_from_rpy
 from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.preprocess.alignment import Alignment
-from gtsam_nav.preprocess.compass_turns import (
-    disturbance_walk_rad2_s,
-    smoothed_heading,
-    turned_by_compass,
-)
 from gtsam_nav.preprocess.levelling import tilt_by
+from gtsam_nav.preprocess.measured_turns import measured_turns
 from gtsam_nav.preprocess.settings import MotionSettings
-from gtsam_nav.preprocess.turning import unmeasured_yaw_variance_rad2_s
 from gtsam_nav.sensors.dvl import BodyVelocities, body_velocities
-from gtsam_nav.sensors.noise import ImuNoise
-from gtsam_nav.sensors.orientation import headings_true, tilt_at
+from gtsam_nav.sensors.orientation import tilt_at
 from gtsam_nav.sensors.prediction import chi2_limit
 from gtsam_nav.sensors.rates import angular_rate_b
 from gtsam_nav.series import (
     BoolArray,
     DvlSeries,
     GnssSeries,
-    HeadingSeries,
-    ImuSeries,
     OdometrySeries,
 )
 from gtsam_nav.trajectory import Trajectory, record_times
@@ -42,8 +34,6 @@ SPREAD_SIGMAS = 5.0
 """Fixes tell a heading once they spread this many of their sigmas."""
 FIRST_FIXES_S = 60.0
 """Fixes of so long a time tell together where a motion begins."""
-MAX_RATE_GAP_S = 0.5
-"""A yaw rate is not carried over a longer silence if there is a compass."""
 SPIKE_PROBABILITY = 0.99999
 """Velocity readings less likely than one minus this are spikes."""
 
@@ -132,7 +122,7 @@ def velocity_sensor(mission: Mission) -> str | None:
 
 
 def vehicle_motion(
-    mission: Mission, start: Alignment, settings: MotionSettings, level: Sensor | None = None
+    mission: Mission, start: Alignment, settings: MotionSettings, fast_imu: Sensor | None = None
 ) -> VehicleMotion:
     """Dead-reckon a mission's motion.
 
@@ -141,8 +131,9 @@ def vehicle_motion(
     mission : Mission
     start : Alignment
     settings : MotionSettings
-    level : Sensor, optional
-        IMU that tells roll and pitch where no AHRS does; without it such a vehicle is level.
+    fast_imu : Sensor, optional
+        IMU that misses no turns: it tells roll and pitch where no AHRS does (without it such a
+        vehicle is level), and what disturbs a compass does not bend the way.
 
     Raises
     ------
@@ -150,12 +141,12 @@ def vehicle_motion(
         Where nothing measures the velocity.
     """
     t = motion_grid(mission, start, settings)
-    turns = _turns(mission, t, start, settings)
+    turns = measured_turns(mission, t, start, settings, fast_imu)
     v_b, sigma_v, position_variance, usual_growth, rejections = _velocities(
         mission, t, settings, turns.gyro_bias_b
     )
-    if level is not None and mission.first("attitude") is None:
-        tilt = tilt_by(level, t)
+    if fast_imu is not None and mission.first("attitude") is None:
+        tilt = tilt_by(fast_imu, t)
     else:
         tilt, _ = tilt_at(mission, t)
     rpy = np.column_stack([tilt, turns.yaw])
@@ -323,83 +314,3 @@ def _velocity_readings(
         f"mission '{mission.name}': the velocity needs a DVL with valid samples or odometry;"
         f" the mission has: {', '.join(sorted(mission.sensors)) or 'no sensor'}"
     )
-
-
-@dataclass(frozen=True)
-class _Turns:
-    """Unwrapped yaw on the grid, growth of its variance, and the others as in `VehicleMotion`."""
-
-    yaw: Array
-    variance_rad2_s: float
-    gyro_bias_b: Array
-    compass_sigma: float | None = None
-
-
-def _turns(mission: Mission, t: Array, start: Alignment, settings: MotionSettings) -> _Turns:
-    """By the gyro and the compass, by either, by odometry, or none at all."""
-    headings = headings_true(mission)
-    imu = mission.first("imu")
-    bias_b = np.zeros(3)
-    if headings is not None and turned_by_compass(mission):
-        walk = disturbance_walk_rad2_s(mission)
-        level, sigma = smoothed_heading(headings, walk, settings.sigma_yaw_accel_rad_s2)
-        # over the memory of the smoother, about a second, its error is one draw
-        return _Turns(np.interp(t, headings.t, level), sigma**2 + walk, bias_b, sigma)
-    turned, rate_variance = _turned(mission, t, settings)
-    if headings is None or len(headings) < 2 or imu is None:
-        return _Turns(start.rpy[2] + turned, rate_variance, bias_b)
-    assert isinstance(imu.series, ImuSeries)
-    noise = ImuNoise.model_validate(imu.noise)
-    offset, trend = heading_less_turn(headings, np.interp(headings.t, t, turned), noise)
-    bias_b[:2] = (imu.series.gyro_i @ imu.R_bs.T).mean(axis=0)[:2]
-    bias_b[2] = -float(np.mean(trend))
-    yaw = turned + np.interp(t, headings.t, offset)
-    return _Turns(yaw, noise.gyro_noise_density_rad_s_sqrt_hz**2, bias_b)
-
-
-def _turned(mission: Mission, t: Array, settings: MotionSettings) -> tuple[Array, float]:
-    """Integral of the yaw rate over the grid, and the growth of its variance.
-
-    Where the rate falls silent the compass, if there is one, says how far the vehicle turned.
-    """
-    imu, odometry = mission.first("imu"), mission.first("odometry")
-    if imu is not None:
-        assert isinstance(imu.series, ImuSeries)
-        t_rate, rate = imu.series.t, (imu.series.gyro_i @ imu.R_bs.T)[:, 2]
-        variance = ImuNoise.model_validate(imu.noise).gyro_noise_density_rad_s_sqrt_hz ** 2
-    elif odometry is not None:
-        assert isinstance(odometry.series, OdometrySeries)
-        t_rate, rate = odometry.series.t, odometry.series.yaw_rate
-        step_s = float(np.median(np.diff(t_rate))) if len(t_rate) > 1 else 1.0
-        variance = float(np.median(odometry.series.sigma_yaw_rate**2)) * step_s
-    else:
-        return np.zeros(len(t)), unmeasured_yaw_variance_rad2_s(settings)
-    t_rate = np.concatenate([[min(t[0], t_rate[0])], t_rate, [max(t[-1], t_rate[-1])]])
-    rate = np.concatenate([rate[:1], rate, rate[-1:]])
-    steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(t_rate)
-    silent = np.diff(t_rate) > MAX_RATE_GAP_S
-    headings = headings_true(mission)
-    if headings is not None and np.any(silent):
-        compass = np.interp(t_rate, headings.t, np.unwrap(headings.heading))
-        steps[silent] = np.diff(compass)[silent]
-    integral = np.concatenate([[0.0], np.cumsum(steps)])
-    return np.interp(t, t_rate, integral), variance
-
-
-def heading_less_turn(
-    headings: HeadingSeries, turned: Array, noise: ImuNoise
-) -> tuple[Array, Array]:
-    """Heading less the gyro's turn, smoothed as the gyro drifts; and its rate of change."""
-    from gtsam_nav.preprocess._trend import smooth_trend
-
-    difference = np.unwrap(headings.heading) - turned
-    level, trend, _, _ = smooth_trend(
-        headings.t,
-        np.unwrap(difference),
-        headings.sigma**2,
-        noise.gyro_noise_density_rad_s_sqrt_hz**2,
-        noise.gyro_bias_walk_rad_s2_sqrt_hz**2,
-        noise.gyro_bias_sigma_rad_s**2,
-        np.inf,
-    )
-    return level, trend

@@ -35,6 +35,7 @@ from gtsam_nav.preprocess.gnss_policy import split_fixes
 from gtsam_nav.sensors.prediction import Prediction
 from gtsam_nav.series import (
     DepthSeries,
+    DvlSeries,
     GnssSeries,
     HeadingSeries,
     ImuSeries,
@@ -277,6 +278,26 @@ def test_height_is_the_depth_gauges_where_there_is_one() -> None:
     assert estimate(mission, "gnss.use_height=true").innovations["gnss"].dof == 3
     found = solution.trajectory.interpolate(t[5:]).p_n[:, 2]
     assert rms(found - d[5:]) < 0.1
+
+
+def test_a_gyro_bias_does_not_pass_for_a_velocity_of_the_arm() -> None:
+    truth, t = truth_of(laps()), np.arange(0.5, 129.0, 0.5)
+    assert truth.rpy is not None
+    R_nb = rotation_from_rpy(CubicSpline(truth.t, np.unwrap(truth.rpy, axis=0))(t))
+    arm_b = np.array([3.0, 0.0, 0.0])
+    at_arm_n = truth.p_n + rotation_from_rpy(truth.rpy) @ arm_b
+    v_b = np.einsum("nji,nj->ni", R_nb, CubicSpline(truth.t, at_arm_n)(t, 1))
+    one = np.ones(len(t), dtype=bool)
+    series = DvlSeries(t=t, v_d=v_b, sigma=0.02 * one, valid=one, bottom_lock=one)
+    exact = {"scale_sigma": 0.0, "misalignment_sigma_deg": 0.0}
+    log = Sensor("log", "dvl", series, xyz_b=arm_b, noise=exact)
+    imu = laps().sensors["imu"].series
+    assert isinstance(imu, ImuSeries)
+    biased = edited(laps(), "imu", gyro_i=imu.gyro_i + np.array([0.0, 0.0, 0.01]))
+    found = estimate(biased.with_sensor(log)).trajectory.interpolate(t)
+    assert found.v_n is not None
+    off_b = np.einsum("nji,nj->ni", found.R_nb, found.v_n - CubicSpline(truth.t, truth.p_n)(t, 1))
+    assert abs(np.mean(off_b[len(t) // 2 :, 1])) < 0.01
 
 
 def test_odometry_stands_in_for_a_dvl() -> None:

@@ -169,8 +169,8 @@ def test_any_sensor_can_have_a_gate(marina: Mission) -> None:
     spoilt_depth[np.abs(depth.series.t - 60.0) < 1.0] += 5.0
     wild = heading.series.heading.copy()  # type: ignore[attr-defined]
     off_s = heading.series.t - 80.0
-    # no step: these are taken off before
-    wild += np.where(np.abs(off_s) < 5.0, 0.8 * np.cos(np.pi * off_s / 10.0), 0.0)
+    # no step: these are taken off before; a keyframe's heading is the mean of 5 s of readings
+    wild += np.where(np.abs(off_s) < 2.5, 1.2 * np.cos(np.pi * off_s / 5.0), 0.0)
     faulty = marina.with_sensor(
         replace(depth, series=replace(depth.series, depth_m=spoilt_depth))
     ).with_sensor(replace(heading, series=replace(heading.series, heading=wild)))

@@ -300,3 +300,22 @@ def test_a_simulated_survey_is_followed() -> None:
     assert way_m > 150
     assert error_m.max() < 0.04 * way_m
     assert np.degrees(np.abs(wrap_angle(rpy - truth.rpy)).max()) < 8.0
+
+
+def test_a_disturbed_compass_does_not_bend_the_way_that_a_gyro_tells() -> None:
+    settings = SimulationSettings.matched().model_copy(update={"sonar": None, "landmarks": None})
+    survey = simulate("marina", seed=3, duration_s=300.0, settings=settings)
+    assert survey.reference is not None
+    truth = survey.reference.series
+    assert isinstance(truth, ReferenceSeries)
+    assert truth.rpy is not None
+
+    def strayed(fast_imu: Sensor | None) -> float:
+        """Over five seconds, in units of the gyro's own noise."""
+        motion = vehicle_motion(survey, align(survey), SETTINGS, fast_imu)
+        yaw = np.interp(motion.t, truth.t, np.unwrap(truth.rpy[:, 2]))
+        off = motion.rpy[:, 2] - yaw
+        return float(np.std(off[50:] - off[:-50]) / (1e-3 * np.sqrt(5.0)))
+
+    assert 0.6 < strayed(survey.sensors["imu"]) < 1.5
+    assert strayed(None) > 3.0  # a slow gyro misses turns: the compass is believed

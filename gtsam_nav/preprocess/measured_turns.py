@@ -1,0 +1,130 @@
+"""How a vehicle turns, by whatever measures it: gyro and compass, either, odometry, or nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gtsam_nav.frames import Array
+from gtsam_nav.mission import Mission, Sensor
+from gtsam_nav.preprocess.alignment import Alignment
+from gtsam_nav.preprocess.compass_turns import (
+    disturbance_walk_rad2_s,
+    smoothed_heading,
+    turned_by_compass,
+)
+from gtsam_nav.preprocess.settings import MotionSettings
+from gtsam_nav.preprocess.turning import unmeasured_yaw_variance_rad2_s
+from gtsam_nav.sensors.noise import ImuNoise
+from gtsam_nav.sensors.orientation import headings_true
+from gtsam_nav.series import HeadingSeries, ImuSeries, OdometrySeries
+
+MAX_RATE_GAP_S = 0.5
+"""A yaw rate is not carried over a longer silence if there is a compass."""
+
+
+@dataclass(frozen=True)
+class Turns:
+    """Unwrapped yaw on the grid, growth of its variance, and the others as in `VehicleMotion`."""
+
+    yaw: Array
+    variance_rad2_s: float
+    gyro_bias_b: Array
+    compass_sigma: float | None = None
+
+
+def measured_turns(
+    mission: Mission,
+    t: Array,
+    start: Alignment,
+    settings: MotionSettings,
+    fast_imu: Sensor | None = None,
+) -> Turns:
+    """By the gyro and the compass, by either, by odometry, or none at all.
+
+    Parameters
+    ----------
+    t : ndarray, shape (n,)
+        The grid, s.
+    fast_imu : Sensor, optional
+        As for `vehicle_motion`. A slower gyro misses turns: there the compass is believed, whatever
+        disturbs it.
+    """
+    headings = headings_true(mission)
+    imu = mission.first("imu")
+    bias_b = np.zeros(3)
+    if headings is not None and turned_by_compass(mission):
+        walk = disturbance_walk_rad2_s(mission)
+        level, sigma = smoothed_heading(headings, walk, settings.sigma_yaw_accel_rad_s2)
+        # over the memory of the smoother, about a second, its error is one draw
+        return Turns(np.interp(t, headings.t, level), sigma**2 + walk, bias_b, sigma)
+    turned, rate_variance = _turned(mission, t, settings)
+    if headings is None or len(headings) < 2 or imu is None:
+        return Turns(start.rpy[2] + turned, rate_variance, bias_b)
+    assert isinstance(imu.series, ImuSeries)
+    noise = ImuNoise.model_validate(imu.noise)
+    misses_none = fast_imu is not None and fast_imu.name == imu.name
+    walk = disturbance_walk_rad2_s(mission) if misses_none else 0.0
+    offset, trend = heading_less_turn(headings, np.interp(headings.t, t, turned), noise, walk)
+    bias_b[:2] = (imu.series.gyro_i @ imu.R_bs.T).mean(axis=0)[:2]
+    bias_b[2] = -float(np.mean(trend))
+    yaw = turned + np.interp(t, headings.t, offset)
+    return Turns(yaw, noise.gyro_noise_density_rad_s_sqrt_hz**2, bias_b)
+
+
+def _turned(mission: Mission, t: Array, settings: MotionSettings) -> tuple[Array, float]:
+    """Integral of the yaw rate over the grid, and the growth of its variance.
+
+    Where the rate falls silent the compass, if there is one, says how far the vehicle turned.
+    """
+    imu, odometry = mission.first("imu"), mission.first("odometry")
+    if imu is not None:
+        assert isinstance(imu.series, ImuSeries)
+        t_rate, rate = imu.series.t, (imu.series.gyro_i @ imu.R_bs.T)[:, 2]
+        variance = ImuNoise.model_validate(imu.noise).gyro_noise_density_rad_s_sqrt_hz ** 2
+    elif odometry is not None:
+        assert isinstance(odometry.series, OdometrySeries)
+        t_rate, rate = odometry.series.t, odometry.series.yaw_rate
+        step_s = float(np.median(np.diff(t_rate))) if len(t_rate) > 1 else 1.0
+        variance = float(np.median(odometry.series.sigma_yaw_rate**2)) * step_s
+    else:
+        return np.zeros(len(t)), unmeasured_yaw_variance_rad2_s(settings)
+    t_rate = np.concatenate([[min(t[0], t_rate[0])], t_rate, [max(t[-1], t_rate[-1])]])
+    rate = np.concatenate([rate[:1], rate, rate[-1:]])
+    steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(t_rate)
+    silent = np.diff(t_rate) > MAX_RATE_GAP_S
+    headings = headings_true(mission)
+    if headings is not None and np.any(silent):
+        compass = np.interp(t_rate, headings.t, np.unwrap(headings.heading))
+        steps[silent] = np.diff(compass)[silent]
+    integral = np.concatenate([[0.0], np.cumsum(steps)])
+    return np.interp(t, t_rate, integral), variance
+
+
+def heading_less_turn(
+    headings: HeadingSeries, turned: Array, noise: ImuNoise, compass_walk_rad2_s: float = 0.0
+) -> tuple[Array, Array]:
+    """Heading less the gyro's turn, smoothed as the gyro drifts; and its rate of change.
+
+    What disturbs a compass must not bend the way: the graph takes it for an error of headings, not
+    of displacements. It walks as the gyro does, so that of what both walked the gyro's share is
+    expected to be that of its density.
+    """
+    from gtsam_nav.preprocess._trend import smooth_trend
+
+    difference = np.unwrap(headings.heading) - turned
+    gyro_walk = noise.gyro_noise_density_rad_s_sqrt_hz**2
+    level, trend, _, _ = smooth_trend(
+        headings.t,
+        np.unwrap(difference),
+        headings.sigma**2,
+        gyro_walk + compass_walk_rad2_s,
+        noise.gyro_bias_walk_rad_s2_sqrt_hz**2,
+        noise.gyro_bias_sigma_rad_s**2,
+        np.inf,
+    )
+    steps = 0.5 * (trend[1:] + trend[:-1]) * np.diff(headings.t)
+    walked = level - np.concatenate([[0.0], np.cumsum(steps)])
+    by_compass = compass_walk_rad2_s / (gyro_walk + compass_walk_rad2_s)
+    return level - by_compass * (walked - np.mean(walked)), trend
