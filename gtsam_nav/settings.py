@@ -6,6 +6,7 @@ What pydantic finds wrong with a value is said in the words of who wrote it, cho
 from __future__ import annotations
 
 import json
+import reprlib
 from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -74,6 +75,7 @@ def in_words(fault: ErrorDetails) -> str:
 
 
 def _shown(value: Any) -> str:
-    """A value as YAML has it, cut short."""
-    text = json.dumps(value, default=str, ensure_ascii=False)
+    """A value as YAML has it, cut short: lists and maps may unfold without end."""
+    plain = value is None or isinstance(value, (bool, int, float, str))
+    text = json.dumps(value, ensure_ascii=False) if plain else reprlib.repr(value)
     return text if len(text) <= LONGEST_SHOWN else f"{text[: LONGEST_SHOWN - 3]}..."
