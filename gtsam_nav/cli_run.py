@@ -194,7 +194,9 @@ def show_runs(folders: Mapping[str, Path], as_json: bool = False) -> None:
         for warning in runs[row.name].record.warnings:
             concerned.setdefault(warning, []).append(row.name)
         if row.coverage is None and row.relations is None:
-            concerned.setdefault("no score: nothing to score on", []).append(row.name)
+            used = runs[row.name].metrics.gnss_used
+            why = f": the method used all {used} fixes, and gnss.use withheld none" * (used > 0)
+            concerned.setdefault(f"no score: nothing to score on{why}", []).append(row.name)
         elif row.failed:
             failed = f"failed: covers only {row.coverage:.1%} of the reference"
             concerned.setdefault(failed, []).append(row.name)

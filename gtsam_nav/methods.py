@@ -152,7 +152,11 @@ def estimate(
     from gtsam_nav.preprocess.agility import fitted_to
     from gtsam_nav.preprocess.gnss_policy import split_fixes
     from gtsam_nav.preprocess.stamp_units import check_stamp_units
-    from gtsam_nav.preprocess.turning import bounded_by_way, warnings_on_turns
+    from gtsam_nav.preprocess.turning import (
+        bounded_by_way,
+        warnings_on_turns,
+        warnings_on_yaw,
+    )
     from gtsam_nav.solution import no_progress
 
     check_method(method)
@@ -179,10 +183,11 @@ def estimate(
         raise EstimationError(f"{method} could not solve '{mission.name}': {what}") from error
     if _has_velocity(blind):
         solution = replace(solution, trajectory=bounded_by_way(solution.trajectory))
+    doubts = (*warnings_on_yaw(blind, solution.trajectory), *contradictions(solution))
     return replace(
         solution,
         reference=reference,
         relations=mission.relations,
         gnss_withheld=n_withheld,
-        warnings=(*solution.warnings, *contradictions(solution)),
+        warnings=(*solution.warnings, *doubts),
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -260,7 +261,7 @@ class Mission:
         return replace(self, sensors={k: s for k, s in self.sensors.items() if k not in names})
 
     def crop(self, start_s: float = -np.inf, stop_s: float = np.inf) -> Mission:
-        """A copy with the samples of start <= t < stop; time keeps its zero.
+        """A copy with the samples, and rejections, of start <= t < stop; time keeps its zero.
 
         The stated initial state is that of the whole mission's start and goes with it.
         """
@@ -271,4 +272,14 @@ class Mission:
         initial = self.initial if start_s <= self.span_s[0] else InitialState()
         opening = self.opening and self.opening.cropped(start_s, stop_s)
         edges = self.edges and self.edges.crop(start_s, stop_s)
-        return replace(self, sensors=cropped, initial=initial, edges=edges, opening=opening)
+        # a rejection without a time may be of any
+        outside = [r.t < start_s or r.t >= stop_s for r in self.rejections]
+        rejections = tuple(itertools.compress(self.rejections, np.logical_not(outside)))
+        return replace(
+            self,
+            sensors=cropped,
+            initial=initial,
+            edges=edges,
+            opening=opening,
+            rejections=rejections,
+        )

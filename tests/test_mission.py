@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from missions import every_sensor_mission, every_series
 
-from gtsam_nav.mission import Mission, Sensor
+from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.series import (
     SERIES_TYPES,
     BeamSeries,
@@ -278,6 +278,10 @@ def test_a_cropped_mission_keeps_its_zero(mission: Mission) -> None:
     start, stop = cropped.span_s
     assert 2.0 <= start < stop < 4.0
     assert mission.crop().span_s == mission.span_s
+    times = (1.9, 2.0, 4.0, np.nan)
+    refused = tuple(Rejection(t, "depth", k, "no good") for k, t in enumerate(times))
+    left = replace(mission, rejections=refused).crop(2.0, 4.0).rejections
+    assert [r.index for r in left] == [1, 3]
 
 
 @pytest.mark.parametrize(

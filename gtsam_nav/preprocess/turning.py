@@ -14,6 +14,8 @@ TURNING_TYPES = {"heading": "a heading", "imu": "an IMU", "odometry": "odometry"
 """Sensors that measure a heading or a rate of turn."""
 WITHOUT_GYRO = ("dr", "scan-match", "pose-ekf")
 """Methods whose dead reckoning takes no rates from an IMU."""
+HARDLY_TOLD_RAD = np.radians(5.0)
+"""A yaw that fixes have shown is surer; one that is not may sit at a wrong minimum of the cost."""
 TURN_S = 5.0
 """How long a vehicle keeps a rate of turn, or thereabouts."""
 
@@ -37,6 +39,22 @@ def warnings_on_turns(method: str, mission: Mission) -> tuple[str, ...]:
         f"nothing measures how the vehicle turns: {method} finds neither {lacking}; unless fixes or"
         " scans tell it, the yaw stays that of the start and its sigma grows to that of a direction"
         " nobody knows",
+    )
+
+
+def warnings_on_yaw(mission: Mission, trajectory: Trajectory) -> tuple[str, ...]:
+    """What a user must hear of a yaw that accelerations beside fixes show, and hardly do."""
+    sigma = trajectory.sigma_rpy
+    told = any(mission.first(kind) for kind in ("heading", "odometry", "dvl", "landmarks", "scans"))
+    if told or sigma is None or mission.first("gnss") is None:
+        return ()
+    middle = float(np.median(sigma[:, 2]))
+    if middle < HARDLY_TOLD_RAD:
+        return ()
+    return (
+        "nothing measures the heading; fixes show it where the vehicle accelerates, here hardly"
+        f" (median sigma {np.degrees(middle):.0f} deg): it may be wrong by any angle, whatever its"
+        " sigma, and the place of all that is not at the antenna with it",
     )
 
 

@@ -81,7 +81,7 @@ def read_table(
     if instead is not None:
         usual, other = instead
         or_else = f" ({', '.join(other)} may stand for {', '.join(usual)})"
-        if all(name in names for name in other):
+        if sum(name in names for name in other) > sum(name in names for name in usual):
             needed = [name for name in needed if name not in usual] + list(other)
     missing = [name for name in needed if name not in names]
     if missing:

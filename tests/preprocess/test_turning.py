@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import gtsam_nav as gn
-from gtsam_nav.preprocess.turning import bounded_by_way, warnings_on_turns
+from gtsam_nav.preprocess.turning import bounded_by_way, warnings_on_turns, warnings_on_yaw
 
 
 def test_a_heading_that_nothing_tells_is_said_and_claimed_by_none() -> None:
@@ -46,3 +48,17 @@ def test_an_imu_alone_tells_the_turns_to_some_methods_only() -> None:
     assert warnings_on_turns("graph", mission) == ()
     (said,) = warnings_on_turns("pose-ekf", mission)
     assert "pose-ekf finds neither a heading nor odometry" in said
+
+
+def test_a_yaw_that_fixes_hardly_show_is_said() -> None:
+    laps = gn.simulate("laps", seed=3, duration_s=60.0)
+    aided, blind = laps.without("heading"), laps.without("gnss")
+    trajectory = gn.estimate(aided, "ins-ekf").trajectory
+    assert trajectory.cov_pose_n is not None
+    sure, unsure = trajectory.cov_pose_n.copy(), trajectory.cov_pose_n.copy()
+    sure[:, 5, 5], unsure[:, 5, 5] = np.radians(1.0) ** 2, np.radians(9.0) ** 2
+    assert warnings_on_yaw(aided, replace(trajectory, cov_pose_n=sure)) == ()
+    (said,) = warnings_on_yaw(aided, replace(trajectory, cov_pose_n=unsure))
+    assert "median sigma 9 deg" in said
+    for told in (laps, blind):
+        assert warnings_on_yaw(told, replace(trajectory, cov_pose_n=unsure)) == ()
