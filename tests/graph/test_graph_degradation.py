@@ -13,10 +13,12 @@ import gtsam_nav as gn
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.series import BeamSeries, ScanSeries
+from gtsam_nav.simulation import SimulationSettings
 from gtsam_nav.solution import Solution
 from gtsam_nav.sonar.defects import WHOLE_SENSOR
 from gtsam_nav.sonar.echoes import segment
 from gtsam_nav.sonar.scans import find_turns
+from gtsam_nav.trajectory import Trajectory
 
 DURATION_S = 60.0
 SOON = ("graph.loops.min_separation_s=20", "graph.loops.radius_m=30")
@@ -118,6 +120,18 @@ def test_dvl_and_sonar_alone(mission: Mission) -> None:
     assert not solution.georeferenced
     assert solution.slow_states is not None
     assert set(solution.slow_states.columns) == VELOCITY_ERRORS
+
+
+def test_velocities_whose_turns_nothing_tells_leave_the_way_as_long_as_it_was() -> None:
+    mission = gn.simulate("marina", 3, 150.0, SimulationSettings(sonar=None, landmarks=None))
+    blind = mission.without("heading", "attitude", "imu", "odometry", "gnss")
+    dead_reckoned, found = (gn.estimate(blind, name).trajectory for name in ("dr", "graph"))
+    assert np.max(np.linalg.norm(np.diff(found.p_n, axis=0), axis=1) / np.diff(found.t)) < 1.0
+    assert way_m(found) == pytest.approx(way_m(dead_reckoned), rel=0.02)
+
+
+def way_m(trajectory: Trajectory) -> float:
+    return float(np.sum(np.linalg.norm(np.diff(trajectory.p_n[:, :2], axis=0), axis=1)))
 
 
 def test_slow_imu_is_not_preintegrated(mission: Mission) -> None:
