@@ -102,6 +102,16 @@ def test_a_second_sensor_of_a_kind_is_said_to_be_left_out(mission: Mission) -> N
     assert said in estimated(few.with_sensor(twin)).warnings
 
 
+def test_a_slow_imu_before_a_fast_one_tells_nothing(mission: Mission) -> None:
+    few = mission.without("sonar", "landmarks", "odometry").crop(0.0, 10.0)
+    imu = few.sensors["imu"]
+    seconds = np.arange(len(imu.series)) % 100 == 0
+    slow = replace(imu, name="slow", series=imu.series.select(seconds))
+    both = replace(few, sensors={"slow": slow, **few.sensors})
+    alone, beside = (estimated(one).trajectory for one in (few, both))
+    np.testing.assert_array_equal(beside.p_n, alone.p_n)
+
+
 def test_without_gnss_nothing_is_georeferenced(mission: Mission) -> None:
     solution = estimated(mission.without("gnss"))
     assert_sound(solution)
