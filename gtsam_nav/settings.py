@@ -75,5 +75,8 @@ def in_words(fault: ErrorDetails) -> str:
 
 def _shown(value: Any) -> str:
     """A value as YAML has it, cut short."""
-    text = json.dumps(value, default=str, ensure_ascii=False)
+    try:
+        text = json.dumps(value, default=str, ensure_ascii=False)
+    except TypeError:  # a date may be a key in YAML
+        text = str(value)
     return text if len(text) <= LONGEST_SHOWN else f"{text[: LONGEST_SHOWN - 3]}..."
