@@ -178,7 +178,9 @@ def estimate(
         what = " ".join(str(error).split())[:300]
         raise EstimationError(f"{method} could not solve '{mission.name}': {what}") from error
     if _has_velocity(blind):
-        solution = replace(solution, trajectory=bounded_by_way(solution.trajectory))
+        online = solution.online and bounded_by_way(solution.online)
+        whole = bounded_by_way(solution.trajectory)
+        solution = replace(solution, trajectory=whole, online=online)
     return replace(
         solution,
         reference=reference,
