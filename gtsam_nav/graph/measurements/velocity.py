@@ -84,9 +84,8 @@ def _add_increments(
     rotation = np.zeros((len(variance), 3))
     if yaw_by_motion:
         rotation[:, 2] = 1.0 / (motion.yaw_variance_rad2_s * np.diff(problem.t))
-    # with no other yaw than those that the ways tell, a bent way would tell the mean of two alone:
-    # neighbours could swing against each other
-    bends = not yaw_by_motion
+    # a bent way tells the mean of two yaws: without a gyro they could swing against each other
+    bends = problem.uses_imu
     R_ab, p_a = problem.increments
     for i in np.flatnonzero(~by_edges).tolist():
         factor = factors.increment(X(i), X(i + 1), R_ab[i], p_a[i], rotation[i], sigma_p[i], bends)
