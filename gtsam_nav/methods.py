@@ -182,7 +182,9 @@ def estimate(
         what = " ".join(str(error).split())[:300]
         raise EstimationError(f"{method} could not solve '{mission.name}': {what}") from error
     if _has_velocity(blind):
-        solution = replace(solution, trajectory=bounded_by_way(solution.trajectory))
+        online = solution.online and bounded_by_way(solution.online)
+        whole = bounded_by_way(solution.trajectory)
+        solution = replace(solution, trajectory=whole, online=online)
     doubts = (*warnings_on_yaw(blind, solution.trajectory), *contradictions(solution))
     return replace(
         solution,

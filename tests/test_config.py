@@ -84,6 +84,7 @@ def test_override_values_are_read_as_yaml() -> None:
         ("gnss.every_k=1.5", "1.5 stands where a whole number belongs"),
         ("gnss.window_s=[5, 5]", r"config key 'gnss': .*start must be before stop"),
         ("gnss.window_s=5", "5 stands where a list belongs"),
+        ("gnss.window_s={2020-01-01: 1}", r"2020, 1, 1\): 1} stands where a list belongs"),
         ("gnss.window_s=[5]", r"config key 'gnss\.window_s\.1': is missing"),
         ("gnss.window_s=[5, 6, 7]", r"\[5, 6, 7\] must hold at most 2"),
         ("motion.rate_hz=fast", r"config key 'motion\.rate_hz': \"fast\" stands where a number"),

@@ -76,8 +76,8 @@ def clock_findings(pairs: Sequence[ClockPair], others: Collection[str] = ()) -> 
             f"{'later' if offset < 0 else 'earlier'} than {p.x if p.y == name else p.y}"
             for p, offset in zip(own, offsets, strict=True)
         )
-        others = [other for other in late if other != name]
-        or_else = f", unless the clock of {' or '.join(others)} is wrong" if others else ""
+        rivals = [other for other in late if other != name]
+        or_else = f", unless the clock of {' or '.join(rivals)} is wrong" if rivals else ""
         message = f"its stamps show {seen}{or_else}"
         yield Finding("clock offset", name, "warning", message, fixes.later(offset_s))
     compared = {name for p in pairs for name in p.pair}

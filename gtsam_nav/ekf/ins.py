@@ -35,6 +35,9 @@ from gtsam_nav.preprocess.stated_rest import stated_rests
 from gtsam_nav.solution import Innovations, Progress, SlowStates, Solution, StageClock
 from gtsam_nav.trajectory import Trajectory, record_times
 
+FASTEST_M_S = 1000.0
+"""No vehicle is as fast, nor is an IMU that drifts for an hour."""
+
 
 def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     """Navigate a mission by its IMU, aided by GNSS, DVL or odometry, depth, compass and tilt.
@@ -53,7 +56,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     DataError
         Where the mission has no IMU.
     EstimationError
-        Where the filter diverges to values that are not finite.
+        Where the filter diverges to values that are not finite, or that no vehicle has.
     """
     clock = StageClock()
     with clock.stage("prepare"):
@@ -123,22 +126,36 @@ def _smoothed(history: History) -> tuple[list[InertialState], list[Array]]:
 def _trajectory(states: list[InertialState], P: list[Array]) -> Trajectory:
     q_nb, p_n = np.array([s.q_nb_wxyz for s in states]), np.array([s.p_n for s in states])
     v_n = np.array([s.v_n for s in states])
-    if not (np.all(np.isfinite(q_nb)) and np.all(np.isfinite(p_n)) and np.all(np.isfinite(v_n))):
-        raise EstimationError("inertial navigation diverged: the state is not finite")
-    cov, R_nb = np.array(P), rotation_from_quaternion(q_nb)
+    t, cov = np.array([s.t for s in states]), np.array(P)
+    _check_sound(t, np.hstack([q_nb, p_n, v_n]), v_n, cov)
+    R_nb = rotation_from_quaternion(q_nb)
     # errors (theta_b, rho_b, nu_b) to (dp_n, dtheta_n), all along the navigation axes
     J = np.zeros((len(states), 9, 9))
     for rows, entries in ((slice(0, 3), RHO), (slice(3, 6), THETA), (slice(6, 9), NU)):
         J[:, rows, entries] = R_nb
     cov_n = J @ cov[:, :9, :9] @ np.swapaxes(J, 1, 2)
     return Trajectory(
-        t=np.array([s.t for s in states]),
+        t=t,
         p_n=p_n,
         q_nb_wxyz=q_nb,
         v_n=v_n,
         cov_pose_n=cov_n[:, :6, :6],
         sigma_v_n=np.sqrt(np.diagonal(cov_n[:, 6:, 6:], axis1=1, axis2=2)),
     )
+
+
+def _check_sound(t: Array, states: Array, v_n: Array, cov: Array) -> None:
+    """Refuse what only a filter that has diverged says."""
+    if not np.all(np.isfinite(states)):
+        raise EstimationError("inertial navigation diverged: the state is not finite")
+    too_fast = np.linalg.norm(v_n, axis=1) > FASTEST_M_S
+    if np.any(too_fast):
+        raise EstimationError(
+            f"inertial navigation diverged: at {t[too_fast][0]:.1f} s it is faster than"
+            f" {FASTEST_M_S:.0f} m/s"
+        )
+    if not np.all(np.diagonal(cov, axis1=1, axis2=2) >= 0.0):
+        raise EstimationError("inertial navigation diverged: a variance is not positive")
 
 
 def _slow_states(states: list[InertialState], P: list[Array], imu: Sensor) -> SlowStates:

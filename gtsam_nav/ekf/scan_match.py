@@ -44,7 +44,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     with clock.stage("scans"):
         track = follow_scans(mission, config)
     with clock.stage("matching"):
-        poses, covs, matches = [track.pose(0)], [track.first_cov[POSE, POSE]], []
+        poses, covs, matches = [track.pose(0)], [track.first_cov_aligned[POSE, POSE]], []
         for k in range(1, len(track)):
             found = match_consecutive(track, k, config)
             q, cov = track.displacement(k)

@@ -155,6 +155,8 @@ def _turned(
         for share, scan in ((1.0 - f, before), (f, after))
     ]
     aside = misalignment * (ways[0] + ways[1])[:, ::-1] * [-1.0, 1.0]
+    # the way to the first scan is in that one's covariance already
+    aside[t < track.t[0]] = 0.0
     cov = np.zeros((len(f), 3, 3))
     cov[:, :2, :2] = aside[:, :, None] * aside[:, None]
     if track.drift is None:

@@ -133,8 +133,15 @@ class ScanTrack:
     @property
     def first_cov(self) -> Array:
         """Covariance of `first`, shape (5, 5)."""
+        turned = _turning(self.pose(0)[:2] - self.filtered.x[0, :2])[:, 0]
+        turned[MISALIGNMENT] = 1.0
+        variance = ConsideredErrors.of(self.mission).misalignment ** 2
+        return self.first_cov_aligned + variance * np.outer(turned, turned)
+
+    @property
+    def first_cov_aligned(self) -> Array:
+        """The same of a velocity that is not misaligned."""
         first, cov = int(self.record[0]), np.zeros((5, 5))
-        cov[MISALIGNMENT, MISALIGNMENT] = ConsideredErrors.of(self.mission).misalignment ** 2
         cov[POSE, POSE] = self.walked[first]
         if self.drift is None:
             return cov

@@ -13,6 +13,7 @@ import numpy as np
 
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.alignment import Alignment
+from gtsam_nav.preprocess.measured_turns import MAX_RATE_GAP_S
 from gtsam_nav.preprocess.motion import (
     FIRST_FIXES_S,
     measures_velocity,
@@ -20,12 +21,10 @@ from gtsam_nav.preprocess.motion import (
     vehicle_motion,
 )
 from gtsam_nav.preprocess.settings import MotionSettings
+from gtsam_nav.preprocess.turning import unmeasured_yaw_variance_rad2_s
 from gtsam_nav.sensors.noise import ImuNoise
 from gtsam_nav.series import GnssSeries
-
-LARGEST_SIGMA_RAD = np.radians(45.0)
-"""A yaw that is less sure is not worth starting from."""
-
+from gtsam_nav.trajectory import UNIFORM_YAW_SIGMA
 
 LOCAL_SIGMA_RAD = 1e-3
 """Of a yaw that is the local frame's by definition."""
@@ -49,7 +48,8 @@ def yaw_shown_by_fixes(mission: Mission, imu: Sensor, start: Alignment) -> Shown
     Returns
     -------
     ShownYaw or None
-        None without fixes or velocities, or where the fixes come too late to tell of the start.
+        None without fixes or velocities, or where the fixes come too late to tell of the start: the
+        yaw would be no surer than one of which nothing is known.
     """
     gnss = mission.first("gnss")
     if gnss is None:
@@ -57,7 +57,8 @@ def yaw_shown_by_fixes(mission: Mission, imu: Sensor, start: Alignment) -> Shown
     early = mission.crop(stop_s=float(gnss.series.t[0]) + FIRST_FIXES_S)
     if not measures_velocity(early):
         return None
-    motion = vehicle_motion(early, start, MotionSettings(), imu)
+    settings = MotionSettings()
+    motion = vehicle_motion(early, start, settings, imu)
     turn = turn_onto_fixes(early, motion)
     fixes = early.sensors[gnss.name].series
     assert isinstance(fixes, GnssSeries)
@@ -67,5 +68,14 @@ def yaw_shown_by_fixes(mission: Mission, imu: Sensor, start: Alignment) -> Shown
     p_n, _ = motion.at(fixes.t)
     noise = float(np.median(fixes.sigma[:, :2])) / float(np.hypot(*np.std(p_n[:, :2], axis=0)))
     bias = ImuNoise.model_validate(imu.noise).gyro_bias_sigma_rad_s
-    sigma = float(np.hypot(noise, bias * (float(np.mean(fixes.t)) - start.t)))
-    return ShownYaw(yaw + turn, sigma, True) if sigma < LARGEST_SIGMA_RAD else None
+    missed = unmeasured_yaw_variance_rad2_s(settings) * _silent_s(imu, *early.span_s)
+    variance = noise**2 + (bias * (float(np.mean(fixes.t)) - start.t)) ** 2 + missed
+    sigma = float(np.sqrt(variance))
+    return ShownYaw(yaw + turn, sigma, True) if sigma < UNIFORM_YAW_SIGMA else None
+
+
+def _silent_s(imu: Sensor, from_s: float, to_s: float) -> float:
+    """How long in all, within a span, a gyro says nothing of the turns."""
+    t = imu.series.t
+    gaps = np.diff(np.concatenate([[from_s], t[(t > from_s) & (t < to_s)], [to_s]]))
+    return float(np.sum(gaps[gaps > MAX_RATE_GAP_S]))

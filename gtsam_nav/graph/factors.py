@@ -164,18 +164,25 @@ def no_gain(a: int, b: int, sigma: Array) -> Any:
 
 
 def increment(
-    a: int, b: int, R_ab: Array, p_a: Array, rotation_precisions: Array, sigma_p: float
+    a: int,
+    b: int,
+    R_ab: Array,
+    p_a: Array,
+    rotation_precisions: Array,
+    sigma_p: float,
+    bends: bool,
 ) -> Any:
     """Motion from keyframe a to b, and rotation if known.
 
-    With ``e = Log(R_ab' R_a' R_b)``, what the estimate turns further than the measured motion did,
-    ``R_ab' (R_a' (p_b - p_a) - p_ab) - e x R_ab' p_ab / 2``: the way bends with the turn. A gyro's
-    bias makes such an error evenly, and white noise does so in the mean.
+    ``R_ab' (R_a' (p_b - p_a) - p_ab)``; where it bends, less ``e x R_ab' p_ab / 2``, with
+    ``e = Log(R_ab' R_a' R_b)``, what the estimate turns further than the measured motion did: the
+    way goes with it. A gyro's bias makes such an error evenly, and white noise does so in the mean.
     """
     root = np.zeros((9, 9))
     root[:3, :3] = np.diag(np.sqrt(rotation_precisions))
     root[3:6, 3:6] = np.eye(3) / sigma_p
-    root[3:6, :3] = 0.5 / sigma_p * skew(R_ab.T @ p_a)
+    if bends:
+        root[3:6, :3] = 0.5 / sigma_p * skew(R_ab.T @ p_a)
     noise = gtsam.noiseModel.Gaussian.SqrtInformation(root, False)
     measured = nav_state(R_ab, p_a, np.zeros(3))
     return gtsam.BetweenFactorNavState(a, b, measured, noise)

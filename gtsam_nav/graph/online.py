@@ -130,7 +130,7 @@ def run_online(
         progress("iSAM2", end / len(problem.t))
     done.backend.update()
     values = done.backend.values()
-    if problem.exact:
+    if problem.exact or not (problem.uses_imu or problem.has_compass):
         values = _nearer_start(problem, values)
     return OnlinePass(values, done.keyframes, done.states, done.covariances, done.matches)
 
@@ -151,13 +151,13 @@ def _is_tied(problem: Problem, k: int) -> bool:
 
 
 def _nearer_start(problem: Problem, values: Any) -> Any:
-    """The causal estimate, or the poses along the tree of edges where these cost less: where loops
-    come late, the causal pass may have been led astray."""
-    along_tree = gtsam.Values(values)
+    """The causal estimate, or the first guess of the motion where that costs less: where loops come
+    late, or nothing tells the turns, the causal pass may have been led astray."""
+    as_guessed = gtsam.Values(values)
     for k in range(len(problem.t)):
-        along_tree.update(X(k), problem.initial_state(k))
+        as_guessed.update(X(k), problem.initial_state(k))
     graph = graph_of(problem.entries)
-    return min((values, along_tree), key=graph.error)
+    return min((values, as_guessed), key=graph.error)
 
 
 def _match_scan(

@@ -68,6 +68,8 @@ class Ready:
 def made_ready(mission: Mission, config: Config, clock: StageClock, progress: Progress) -> Ready:
     """Tell landmarks apart, take compass steps and timing errors off, guess the motion."""
     check_sigmas(mission, config.graph.robust)
+    twins = tuple(_idle_twins(mission, config))
+    mission = _with_one_imu(mission, config)
     nameless: tuple[str, ...] = ()
     if config.landmarks.association == "ids":
         nameless = tuple(unidentified(mission))
@@ -85,7 +87,6 @@ def made_ready(mission: Mission, config: Config, clock: StageClock, progress: Pr
         mission = clocks.corrected(mission)
         if clocks.errors:
             start, motion = start_and_motion(mission, config)
-    twins = tuple(_idle_twins(mission, config))
     return Ready(mission, config, start, motion, clocks, (*nameless, *warnings, *twins))
 
 
@@ -102,6 +103,14 @@ def _idle_twins(mission: Mission, config: Config) -> Iterator[str]:
                     f"'{sensor.name}' is left out: of several sensors of type {kind} the graph"
                     f" takes one, '{first.name}'"
                 )
+
+
+def _with_one_imu(mission: Mission, config: Config) -> Mission:
+    """A mission in which no other IMU tells turns and biases than the one that is preintegrated."""
+    taken = preintegrable(mission, config.graph.imu_min_rate_hz)
+    if taken is None:
+        return mission
+    return mission.without(*(imu.name for imu in mission.of_type("imu") if imu is not taken))
 
 
 def _identified(mission: Mission, config: Config) -> tuple[Mission, Config]:

@@ -109,14 +109,22 @@ class _Surroundings(NamedTuple):
 
 
 def refine_without_sonar(graph: Any, values: Any, problem: Problem) -> Refined:
-    """Gauss-Newton with the velocity's constant errors, which the batch solve leaves out."""
-    largest, count = np.inf, 0
-    while largest > CONVERGED_STEP and count < MAX_STEPS:
+    """Gauss-Newton with the velocity's constant errors, which the batch solve leaves out.
+
+    Where it does not settle, as about a yaw that nothing tells, the values are those that it would
+    have moved least.
+    """
+    least, nearest = np.inf, None
+    for count in range(1, MAX_STEPS + 1):
         posterior = sensor_posterior(graph, values, np.empty(0, dtype=np.int64), problem)
-        values = posterior.moved()
         largest = float(np.max(np.abs(posterior.step)))
-        count += 1
-    return Refined(values, posterior, count, largest <= CONVERGED_STEP)
+        if largest <= CONVERGED_STEP:
+            return Refined(posterior.moved(), posterior, count, converged=True)
+        if nearest is None or largest < least:
+            least, nearest = largest, Refined(values, posterior, count, converged=False)
+        values = posterior.moved()
+    assert nearest is not None
+    return nearest
 
 
 class JointRefinement:

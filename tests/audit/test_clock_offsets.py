@@ -45,6 +45,12 @@ def test_two_alone_are_both_named() -> None:
     assert "unless the clock of imu is wrong" in found["heading"].message
 
 
+def test_a_clock_that_is_off_does_not_hide_one_that_nothing_tells() -> None:
+    found = clock_findings([pair("heading", "imu", -0.5)], ("heading", "imu", "gnss"))
+    (said,) = [f for f in found if f.severity == "ok"]
+    assert said.message == "of the clock of gnss nothing tells"
+
+
 def test_noise_and_stated_doubts_explain_an_offset() -> None:
     assert warned(pair("gnss", "dvl", 0.5, sigma_s=0.15)) == {}
     assert warned(pair("gnss", "dvl", 0.5, stated_s=0.3)) == {}

@@ -19,9 +19,10 @@ from gtsam_nav.config import Config, load_config
 from gtsam_nav.ekf.aid import Aid
 from gtsam_nav.ekf.aiding import aids_of
 from gtsam_nav.ekf.inertial_start import inertial_start
+from gtsam_nav.ekf.ins import _trajectory
 from gtsam_nav.ekf.ins_run import History, InsRun
 from gtsam_nav.ekf.strapdown import SIZE, InertialState, Strapdown
-from gtsam_nav.errors import DataError
+from gtsam_nav.errors import DataError, EstimationError
 from gtsam_nav.frames import (
     Array,
     Origin,
@@ -298,6 +299,26 @@ def test_a_gyro_bias_does_not_pass_for_a_velocity_of_the_arm() -> None:
     assert found.v_n is not None
     off_b = np.einsum("nji,nj->ni", found.R_nb, found.v_n - CubicSpline(truth.t, truth.p_n)(t, 1))
     assert abs(np.mean(off_b[len(t) // 2 :, 1])) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("speed_m_s", "variance", "complaint"),
+    [
+        (np.nan, 1.0, "the state is not finite"),
+        (1e5, 1.0, "at 3.0 s it is faster than 1000 m/s"),
+        (1.0, -1.0, "a variance is not positive"),
+        (1.0, np.nan, "a variance is not positive"),
+    ],
+)
+def test_a_filter_that_diverges_says_so(speed_m_s: float, variance: float, complaint: str) -> None:
+    zero = np.zeros(3)
+    states = [
+        InertialState(t, np.array([1.0, 0.0, 0.0, 0.0]), zero, np.array([v, 0.0, 0.0]), zero, zero)
+        for t, v in ((2.0, 1.0), (3.0, speed_m_s))
+    ]
+    assert len(_trajectory(states[:1], [np.eye(SIZE)])) == 1
+    with pytest.raises(EstimationError, match=complaint):
+        _trajectory(states, [np.eye(SIZE), variance * np.eye(SIZE)])
 
 
 def test_odometry_stands_in_for_a_dvl() -> None:

@@ -165,6 +165,26 @@ def test_without_matches_the_pose_filter_is_dead_reckoning() -> None:
         )
 
 
+@pytest.mark.parametrize("compass", [True, False])
+def test_a_misalignment_turns_the_way_to_the_first_scan_too(compass: bool) -> None:
+    mission = circling(compass=compass)
+    late = mission.with_sensor(of_times(mission, 30.0, STOP_S))
+    track, errors = follow_scans(late, load_config()), ConsideredErrors.of(mission)
+    angle = errors.misalignment
+    straight = np.diff(track.filtered.x[[0, track.record[0]], :2], axis=0)[0]
+    aside = angle * np.array([-straight[1], straight[0]])
+    aligned = track.first_cov[2:4, 2:4] - np.outer(aside, aside)
+    assert np.linalg.eigvalsh(aligned).min() > 0.0
+    np.testing.assert_allclose(track.first_cov[0, 2:4], angle * aside)
+    precise = replace(mission.sensors["odometry"], noise={"misalignment_sigma_deg": 0.0})
+    exact = follow_scans(late.with_sensor(precise), load_config())
+    np.testing.assert_allclose(exact.first_cov[2:4, 2:4], aligned, rtol=1e-6)
+    first = np.zeros(len(track.filtered.t), dtype=np.int64)
+    by_misalignment = np.subtract(*(_turned(track, first, first, first, a) for a in (angle, 0.0)))
+    assert not np.any(by_misalignment[: track.record[0]])
+    assert np.all(by_misalignment[-1].trace() > 0.0)
+
+
 def without_drift(mission: Mission) -> Mission:
     compass = mission.sensors["heading"]
     return mission.with_sensor(replace(compass, noise={"disturbance_sigma_deg": 0.0}))
@@ -252,7 +272,7 @@ def test_between_two_scans_a_drift_turns_the_way_as_drawn() -> None:
 def test_after_the_last_scan_a_misalignment_turns_the_way() -> None:
     """From there on alone: what they did before is in the pose of the scan."""
     mission = circling(compass=False)
-    track = follow_scans(mission.with_sensor(until(mission, 20.0)), load_config())
+    track = follow_scans(mission.with_sensor(of_times(mission, 0.0, 20.0)), load_config())
     angle = 0.02
     last = np.full(len(track.filtered.t), len(track) - 1)
     found = _turned(track, last, last, np.zeros(len(last)), angle)
@@ -262,14 +282,10 @@ def test_after_the_last_scan_a_misalignment_turns_the_way() -> None:
     np.testing.assert_allclose(found[track.record[-1]], 0.0, atol=1e-12)
 
 
-def until(mission: Mission, stop_s: float) -> Sensor:
-    """The scans up to a time."""
+def of_times(mission: Mission, start_s: float, stop_s: float) -> Sensor:
+    """The scans from one time on and before another."""
     sensor = mission.sensors["scans"]
-    assert isinstance(sensor.series, ScanSeries)
-    n = int(np.searchsorted(sensor.series.t, stop_s))
-    first = sensor.series.first[: n + 1]
-    points = sensor.series.points_b[: first[-1]]
-    return replace(sensor, series=ScanSeries(t=sensor.series.t[:n], first=first, points_b=points))
+    return replace(sensor, series=sensor.series.crop(start_s, stop_s))
 
 
 def test_between_scans_that_fill_the_time_a_walk_is_tied_to_their_means() -> None:

@@ -10,10 +10,11 @@ import pytest
 import gtsam_nav as gn
 from gtsam_nav.ekf.yaw_by_fixes import yaw_shown_by_fixes
 from gtsam_nav.frames import wrap_angle
-from gtsam_nav.mission import Mission
+from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.alignment import align
-from gtsam_nav.series import ReferenceSeries
+from gtsam_nav.series import BoolArray, ReferenceSeries
 from gtsam_nav.simulation import SimulationSettings
+from gtsam_nav.trajectory import UNIFORM_YAW_SIGMA
 
 UNHEADED = ("heading", "attitude", "odometry", "landmarks")
 
@@ -43,6 +44,33 @@ def test_fixes_too_close_together_leave_the_yaw_to_the_local_frame() -> None:
     assert shown is not None
     assert not shown.in_world
     assert not gn.estimate(few, "ins-ekf").georeferenced
+
+
+def test_a_gyro_that_is_silent_tells_less_or_nothing() -> None:
+    mission = unheaded(2, 70.0)
+    imu, start = mission.sensors["imu"], align(mission)
+    known, less = (
+        yaw_shown_by_fixes(mission.with_sensor(one), one, start)
+        for one in (imu, replace(imu, series=imu.series.select(~inside(imu, 20.0, 21.0))))
+    )
+    assert known is not None
+    assert less is not None
+    assert less.sigma > known.sigma + np.radians(1.0)
+    late = replace(imu, series=imu.series.select(~inside(imu, 0.0, 55.0)))
+    assert yaw_shown_by_fixes(mission.with_sensor(late), late, start) is None
+
+
+def inside(sensor: Sensor, from_s: float, to_s: float) -> BoolArray:
+    return np.asarray((sensor.series.t >= from_s) & (sensor.series.t < to_s))
+
+
+def test_a_yaw_is_worth_starting_from_as_long_as_anything_is_known_of_it() -> None:
+    mission = unheaded(2, 130.0)
+    gnss, start = mission.sensors["gnss"], align(mission)
+    late = mission.with_sensor(replace(gnss, series=gnss.series.crop(60.0, np.inf)))
+    shown = yaw_shown_by_fixes(late, late.sensors["imu"], start)
+    assert shown is not None
+    assert np.radians(45.0) < shown.sigma < UNIFORM_YAW_SIGMA
 
 
 def test_without_fixes_or_velocities_nothing_is_shown() -> None:

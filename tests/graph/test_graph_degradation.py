@@ -13,10 +13,12 @@ import gtsam_nav as gn
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.series import BeamSeries, ScanSeries
+from gtsam_nav.simulation import SimulationSettings
 from gtsam_nav.solution import Solution
 from gtsam_nav.sonar.defects import WHOLE_SENSOR
 from gtsam_nav.sonar.echoes import segment
 from gtsam_nav.sonar.scans import find_turns
+from gtsam_nav.trajectory import Trajectory
 
 DURATION_S = 60.0
 SOON = ("graph.loops.min_separation_s=20", "graph.loops.radius_m=30")
@@ -100,6 +102,16 @@ def test_a_second_sensor_of_a_kind_is_said_to_be_left_out(mission: Mission) -> N
     assert said in estimated(few.with_sensor(twin)).warnings
 
 
+def test_a_slow_imu_before_a_fast_one_tells_nothing(mission: Mission) -> None:
+    few = mission.without("sonar", "landmarks", "odometry").crop(0.0, 10.0)
+    imu = few.sensors["imu"]
+    seconds = np.arange(len(imu.series)) % 100 == 0
+    slow = replace(imu, name="slow", series=imu.series.select(seconds))
+    both = replace(few, sensors={"slow": slow, **few.sensors})
+    alone, beside = (estimated(one).trajectory for one in (few, both))
+    np.testing.assert_array_equal(beside.p_n, alone.p_n)
+
+
 def test_without_gnss_nothing_is_georeferenced(mission: Mission) -> None:
     solution = estimated(mission.without("gnss"))
     assert_sound(solution)
@@ -118,6 +130,18 @@ def test_dvl_and_sonar_alone(mission: Mission) -> None:
     assert not solution.georeferenced
     assert solution.slow_states is not None
     assert set(solution.slow_states.columns) == VELOCITY_ERRORS
+
+
+def test_velocities_whose_turns_nothing_tells_leave_the_way_as_long_as_it_was() -> None:
+    mission = gn.simulate("marina", 3, 150.0, SimulationSettings(sonar=None, landmarks=None))
+    blind = mission.without("heading", "attitude", "imu", "odometry", "gnss")
+    dead_reckoned, found = (gn.estimate(blind, name).trajectory for name in ("dr", "graph"))
+    assert np.max(np.linalg.norm(np.diff(found.p_n, axis=0), axis=1) / np.diff(found.t)) < 1.0
+    assert way_m(found) == pytest.approx(way_m(dead_reckoned), rel=0.02)
+
+
+def way_m(trajectory: Trajectory) -> float:
+    return float(np.sum(np.linalg.norm(np.diff(trajectory.p_n[:, :2], axis=0), axis=1)))
 
 
 def test_slow_imu_is_not_preintegrated(mission: Mission) -> None:

@@ -1,6 +1,8 @@
-"""Displacements between keyframes: they bend with the turn that the estimate makes of it."""
+"""Displacements between keyframes: they bend with the turn that the estimate makes of a gyro's."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -30,7 +32,7 @@ def residual(measured: tuple[Array, Array], true: tuple[Array, Array]) -> Array:
     """Translation's, m, where the estimate is right."""
     import gtsam
 
-    factor = factors.increment(X(0), X(1), *measured, np.zeros(3), SIGMA_M)
+    factor = factors.increment(X(0), X(1), *measured, np.zeros(3), SIGMA_M, bends=True)
     values = gtsam.Values()
     R_na, p_n = rotation_from_rpy(np.array([0.1, -0.05, 2.0])), np.array([3.0, -1.0, 2.0])
     factors.insert(values, X(0), factors.nav_state(R_na, p_n, np.zeros(3)))
@@ -56,6 +58,23 @@ def test_a_displacement_in_error_shows() -> None:
     R_ab, p_a = driven(np.array([0.0, 0.0, 0.05]))
     error = residual((R_ab, p_a), (R_ab, p_a + np.array([0.1, -0.2, 0.3])))
     assert np.linalg.norm(error) == pytest.approx(np.linalg.norm([0.1, -0.2, 0.3]))
+
+
+@pytest.mark.parametrize("velocities", ["odometry", "dvl"])
+@pytest.mark.parametrize("headings", [0, 1])
+def test_yaws_that_the_ways_alone_tell_do_not_swing_against_each_other(
+    velocities: str, headings: int
+) -> None:
+    mission = gn.simulate("marina", 1, 150.0, SimulationSettings(sonar=None, landmarks=None))
+    compass = mission.sensors["heading"]
+    once = replace(compass, series=compass.series.select(slice(700, 700 + headings)))
+    others = {*mission.sensors} - {velocities, "gnss", "reference", "heading"}
+    few = mission.with_sensor(once).without(*others, *["heading"][headings:])
+    solution = gn.estimate(few, "graph")
+    ate = gn.evaluate(solution).ate.none
+    assert ate is not None
+    assert ate.mean < 0.4
+    assert not any("settled" in said for said in solution.warnings)
 
 
 @pytest.mark.slow

@@ -89,7 +89,7 @@ def dense_solution(case: Case, keyframes: IntArray) -> Dense:
         R_a, R_b = (case.values.atNavState(X(k)).attitude().matrix() for k in (d.k - 1, d.k))
         p_a, p_b = (case.values.atNavState(X(k)).position() for k in (d.k - 1, d.k))
         further = Rotation.from_matrix(d.R_ab.T @ R_a.T @ R_b).as_rotvec()
-        bend = 0.5 * np.cross(further, d.R_ab.T @ d.p_a)
+        bend = 0.5 * case.problem.uses_imu * np.cross(further, d.R_ab.T @ d.p_a)
 
         def residual(
             scale: float,

@@ -24,9 +24,13 @@ def test_a_heading_that_nothing_tells_is_said_and_claimed_by_none() -> None:
         assert 75.0 < np.degrees(sigma[-1, 2]) < 104.0
 
 
-def test_a_place_is_no_less_sure_than_the_way_that_led_there_is_long() -> None:
+@pytest.fixture(scope="module")
+def blind() -> gn.Mission:
     mission = gn.simulate("marina", seed=3, duration_s=150.0)
-    blind = mission.without("heading", "attitude", "imu", "odometry", "gnss", "sonar", "landmarks")
+    return mission.without("heading", "attitude", "imu", "odometry", "gnss", "landmarks")
+
+
+def test_a_place_is_no_less_sure_than_the_way_that_led_there_is_long(blind: gn.Mission) -> None:
     trajectory = gn.estimate(blind, "dr").trajectory
     assert trajectory.sigma_p_n is not None
     assert trajectory.v_n is not None
@@ -35,6 +39,14 @@ def test_a_place_is_no_less_sure_than_the_way_that_led_there_is_long() -> None:
     assert trajectory.sigma_p_n[-1, :2] == pytest.approx([way_m, way_m], rel=0.05)
     speed_m_s = np.linalg.norm(trajectory.v_n[-1])
     assert trajectory.sigma_v_n[-1, :2] == pytest.approx([speed_m_s, speed_m_s], rel=0.05)
+
+
+def test_nor_is_the_causal_estimate(blind: gn.Mission) -> None:
+    online = gn.estimate(blind, "scan-match").online
+    assert online is not None
+    assert online.sigma_p_n is not None
+    way_m = np.sum(np.linalg.norm(np.diff(online.p_n[:, :2], axis=0), axis=1))
+    assert online.sigma_p_n[-1, :2] == pytest.approx([way_m, way_m], rel=0.05)
 
 
 def test_a_yaw_that_is_known_leaves_the_covariance_as_it_is() -> None:

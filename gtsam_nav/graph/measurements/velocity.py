@@ -84,9 +84,11 @@ def _add_increments(
     rotation = np.zeros((len(variance), 3))
     if yaw_by_motion:
         rotation[:, 2] = 1.0 / (motion.yaw_variance_rad2_s * np.diff(problem.t))
+    # a bent way tells the mean of two yaws: without a gyro they could swing against each other
+    bends = problem.uses_imu
     R_ab, p_a = problem.increments
     for i in np.flatnonzero(~by_edges).tolist():
-        factor = factors.increment(X(i), X(i + 1), R_ab[i], p_a[i], rotation[i], sigma_p[i])
+        factor = factors.increment(X(i), X(i + 1), R_ab[i], p_a[i], rotation[i], sigma_p[i], bends)
         entry = problem.add(i + 1, "velocity", factor, config.graph.robust.velocity)
         problem.displacements.append(Displacement(i + 1, R_ab[i], p_a[i], entry))
 
