@@ -22,8 +22,10 @@ BEAMS_AT_ONCE = 200
 _WIDTH_IN_SIGMAS = float(np.sqrt(8 * np.log(2)))
 """Width at half height of a Gaussian of unit sigma."""
 
-WALL_SHARE = 0.5
-"""Stated bearing sigma over the beam's: a wall's echo is the mean of all that the beam lights."""
+WALL_SHARE = 0.65
+"""Stated bearing sigma over the beam's. A wall's echo is the mean of all that the beam lights, half
+as uncertain; but neighbouring beams overlap and share their errors, which are stated as if apart.
+"""
 
 _MOST_BEAMS = 3
 """That an echo from nothing fixed lasts."""
@@ -63,7 +65,8 @@ class SonarSimulation(Settings):
     lost_share : float
         Share of pings that never reach the log, half of them in bursts.
     sigma_range_m : float
-        Stated range noise of an echo; ``benchmarks.registration`` measures what it is.
+        Stated range noise of an echo, larger than its own (``benchmarks.registration``): neighbours
+        share it.
     scale_sigma : float
         Stated error of the ways between matched scans: the sound speed is exact, but the walls'
         sampling holds matches back.
@@ -94,7 +97,7 @@ class SonarSimulation(Settings):
     ring_down_level: float = Field(default=160.0, ge=0)
     ring_down_m: float = Field(default=0.5, gt=0)
     lost_share: float = Field(default=0.005, ge=0, lt=1)
-    sigma_range_m: float = Field(default=0.06, gt=0)
+    sigma_range_m: float = Field(default=0.08, gt=0)
     scale_sigma: float = Field(default=0.004, ge=0)
     match_floor_m: float = Field(default=0.03, ge=0)
     match_floor_deg: float = Field(default=0.1, ge=0)

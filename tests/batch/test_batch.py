@@ -47,7 +47,7 @@ def wait_for(what: Callable[[], bool]) -> None:
 def long(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A mission that takes a worker some seconds: time enough to kill it meanwhile."""
     folder = tmp_path_factory.mktemp("missions") / "long"
-    write_mission(simulate("marina", seed=2, duration_s=200.0), folder)
+    write_mission(simulate("marina", seed=2, duration_s=400.0), folder)
     return folder
 
 

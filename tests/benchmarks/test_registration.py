@@ -22,6 +22,7 @@ def test_matches_are_no_better_than_they_say(place: str) -> None:
 
 
 @pytest.mark.slow
-def test_echoes_lie_as_far_off_walls_as_the_card_states() -> None:
+def test_echoes_lie_off_walls_a_little_less_than_the_card_states() -> None:
+    # neighbours share their errors, so that each alone is better than a match may count on
     for row in echo_errors(3, as_the_card_states())[:3]:
-        assert 0.5 < row.nees < 1.5
+        assert 0.3 < row.nees < 0.8
