@@ -104,11 +104,14 @@ def settle(
         used = batch.pass_alone(estimate)
     else:
         estimate, used = _Batch(problem, entries, at_first=True).robust_start(estimate)
-    changed, rounds = True, 0
+    changed, rounds, seen = True, 0, set[bytes]()
     while changed and rounds < MAX_ROUNDS:
         estimate = batch.solved(estimate, used)
         squared = batch.judged(estimate, batch.weights(estimate, used))
         verdict = ~batch.gated | (squared <= batch.limits(estimate))
+        seen.add(used.tobytes())
+        if verdict.tobytes() in seen:  # readings that refuse each other in turn all stay out
+            verdict &= used
         changed, used = bool(np.any(verdict != used)), verdict
         rounds += 1
         log.info("round %d: %d of %d readings rejected", rounds, np.sum(~used), len(used))

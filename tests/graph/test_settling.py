@@ -218,3 +218,22 @@ def test_st_pere_keeps_its_accuracy_among_outliers(stpere_folder: Path) -> None:
     # half of the fixes tell less than all of them, whoever leaves the others out
     assert error_m < 1.0
     assert run(least_squares, fault)[0] > 5 * clean_m
+
+
+def test_readings_that_refuse_each_other_in_turn_all_stay_out(
+    laps: Mission, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rounds = []
+
+    def quarrel(batch: Any, _: Any, weight: Array, *_doubted: Any) -> Array:
+        a, b = np.flatnonzero(batch.gated)[:2]
+        squared = np.zeros(len(weight))
+        squared[a], squared[b] = 1e9 * (weight[b] > 0), 1e9 * (weight[a] > 0)
+        rounds.append(squared)
+        return squared
+
+    monkeypatch.setattr(settling._Batch, "judged", quarrel)
+    monkeypatch.setattr(settling._Batch, "explained", lambda *_: True)
+    solution = gn.estimate(laps, "graph")
+    assert len([r for r in solution.rejections if r.sensor == "gnss"]) == 2
+    assert len(rounds) <= 4
