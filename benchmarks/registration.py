@@ -20,9 +20,11 @@ from pathlib import Path
 import numpy as np
 
 from gtsam_nav.config import Config
+from gtsam_nav.ekf.scan_track import with_floors
 from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.mission import Sensor
 from gtsam_nav.registration.pic import register
+from gtsam_nav.sensors.noise import SonarNoise
 from gtsam_nav.simulation.motion import Motion, MotionSettings
 from gtsam_nav.simulation.sonar import SonarSimulation, sonar
 from gtsam_nav.simulation.world import Course, Wall, World
@@ -218,10 +220,8 @@ def echo_errors(runs: int, config: Config) -> list[EchoConsistency]:
 
 def as_the_card_states() -> Config:
     """Settings with the floors of the simulated sonar's card."""
-    pic = Config().pic.model_copy(
-        update={"floor_xy_m": SONAR.match_floor_m, "floor_yaw_deg": SONAR.match_floor_deg}
-    )
-    return Config().model_copy(update={"pic": pic})
+    noise = SonarNoise(match_floor_m=SONAR.match_floor_m, match_floor_deg=SONAR.match_floor_deg)
+    return Config().model_copy(update={"pic": with_floors(Config().pic, noise)})
 
 
 def main() -> None:

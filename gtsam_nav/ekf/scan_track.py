@@ -256,7 +256,7 @@ def follow_scans(mission: Mission, config: Config) -> ScanTrack:
     motion = _planar_motion(reckoned.filtered, record, drift is not None)
     sonar = deskewed(echoes, turns, motion)
     noise = SonarNoise.model_validate(_sonar_of(mission).noise)
-    pic = _with_floors(config.pic, noise)
+    pic = with_floors(config.pic, noise)
     yaw_changes = walking(motion.yaw_variance_rad2_s) if drift is None else drift.changes
     way_variance = _way_variance(reckoned.filtered, record)
     distorted = distortions(sonar, motion, way_variance, yaw_changes, pic)
@@ -295,7 +295,7 @@ def _sonar_of(mission: Mission) -> Sensor:
     return sonar
 
 
-def _with_floors(settings: PicSettings, noise: SonarNoise) -> PicSettings:
+def with_floors(settings: PicSettings, noise: SonarNoise) -> PicSettings:
     """Settings with the floors of a sonar's card, where it states them."""
     stated = {"floor_xy_m": noise.match_floor_m, "floor_yaw_deg": noise.match_floor_deg}
     return settings.model_copy(update={k: v for k, v in stated.items() if v is not None})

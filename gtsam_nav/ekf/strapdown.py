@@ -27,6 +27,7 @@ from gtsam_nav.preprocess.strapdown import STANDARD_GRAVITY_M_S2, readings_at_or
 from gtsam_nav.sensors.noise import ImuNoise
 from gtsam_nav.sensors.orientation import UNMEASURED_TILT_SIGMA_RAD
 from gtsam_nav.sensors.prediction import BodyState
+from gtsam_nav.sensors.silences import silent_spells
 from gtsam_nav.series import ImuSeries
 
 THETA, RHO, NU = slice(0, 3), slice(3, 6), slice(6, 9)
@@ -148,9 +149,8 @@ class Strapdown:
         """First and last moment of each spell within a span that no held reading covers, (k, 2)."""
         from gtsam_nav.ekf import _strapdown
 
-        marks = np.concatenate([[from_s], self.t[(self.t > from_s) & (self.t < to_s)], [to_s]])
-        long = np.flatnonzero(np.diff(marks) > max(self.max_gap_s, _strapdown.HOLD_S))
-        return np.column_stack([marks[long], marks[long + 1]])
+        longest_s = max(self.max_gap_s, _strapdown.HOLD_S)
+        return silent_spells(self.t, from_s, to_s, longest_s)
 
     def rate_b(self, state: InertialState) -> Array:
         """Angular rate of the body against the Earth at a state's time, shape (3,), rad/s."""

@@ -23,6 +23,7 @@ from gtsam_nav.preprocess.motion import (
 from gtsam_nav.preprocess.settings import MotionSettings
 from gtsam_nav.preprocess.turning import unmeasured_yaw_variance_rad2_s
 from gtsam_nav.sensors.noise import ImuNoise
+from gtsam_nav.sensors.silences import silent_spells
 from gtsam_nav.series import GnssSeries
 from gtsam_nav.trajectory import UNIFORM_YAW_SIGMA
 
@@ -76,6 +77,4 @@ def yaw_shown_by_fixes(mission: Mission, imu: Sensor, start: Alignment) -> Shown
 
 def _silent_s(imu: Sensor, from_s: float, to_s: float) -> float:
     """How long in all, within a span, a gyro says nothing of the turns."""
-    t = imu.series.t
-    gaps = np.diff(np.concatenate([[from_s], t[(t > from_s) & (t < to_s)], [to_s]]))
-    return float(np.sum(gaps[gaps > MAX_RATE_GAP_S]))
+    return float(np.sum(np.diff(silent_spells(imu.series.t, from_s, to_s, MAX_RATE_GAP_S))))

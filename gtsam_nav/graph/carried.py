@@ -15,6 +15,7 @@ import numpy as np
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.factors import parts
 from gtsam_nav.graph.preintegration import InertialStep
+from gtsam_nav.preprocess.running_turns import running_turns
 from gtsam_nav.series import BoolArray, IntArray
 
 
@@ -78,8 +79,7 @@ def carried(
     """
     pieces = _pieces(steps, elapsed)
     omega_b, force_b = _in_body_axes(steps, biases)
-    turned = _turned(omega_b[pieces.row] * pieces.dt[:, None], pieces.place)
-    R_0k = _matrices(turned)
+    R_0k = running_turns(omega_b[pieces.row] * pieces.dt[:, None], pieces.place)
     # a reading pushes along the attitude that it finds
     found = np.where((pieces.place > 0)[:, None, None], np.roll(R_0k, 1, axis=0), np.eye(3))
     dt = pieces.dt[:, None]
@@ -122,40 +122,6 @@ def _in_body_axes(steps: Sequence[InertialStep], biases: Sequence[Any]) -> tuple
         omega.append(omega_b)
         force.append(force_b)
     return np.concatenate(omega), np.concatenate(force)
-
-
-def _turned(rotvec: Array, place: IntArray) -> Array:
-    """Quaternions (4, k), scalar first, of the turns (k, 3) of an interval's pieces so far.
-
-    The products of 1, 2, 4, 8, ... neighbours: all at once, in as many rounds as their number has
-    binary digits.
-    """
-    angle = np.linalg.norm(rotvec, axis=1)
-    q = np.vstack([np.cos(angle / 2), 0.5 * np.sinc(angle / (2 * np.pi)) * rotvec.T])
-    reach = 1
-    while reach <= np.max(place):
-        (late,) = np.nonzero(place >= reach)
-        q[:, late] = _product(q[:, late - reach], q[:, late])
-        reach *= 2
-    return q
-
-
-def _product(a: Array, b: Array) -> Array:
-    """Of quaternions (4, k), scalar first."""
-    return np.stack(
-        [
-            a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
-            a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
-            a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
-            a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
-        ]
-    )
-
-
-def _matrices(q_wxyz: Array) -> Array:
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_quat(q_wxyz.T, scalar_first=True).as_matrix())
 
 
 def _summed(increments: Array, place: IntArray) -> Array:

@@ -24,7 +24,7 @@ from gtsam_nav.graph.backend import graph_of
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.least_squares import solve_batch
 from gtsam_nav.graph.measurements import build_problem
-from gtsam_nav.graph.measurements.imu import preintegrable
+from gtsam_nav.graph.measurements.imu import own_motion
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.readings import Reading, made
 from gtsam_nav.graph.robust import Robustness
@@ -36,7 +36,6 @@ from gtsam_nav.preprocess.alignment import Alignment
 from gtsam_nav.preprocess.motion import (
     VehicleMotion,
     measures_velocity,
-    vehicle_motion,
     velocity_sensor,
 )
 from gtsam_nav.solution import ClockOffset, Progress
@@ -112,8 +111,7 @@ def find_clocks(
     while (moved > STILL_SIGMAS or width > 1.0) and rounds < MAX_ROUNDS:
         corrected = clocks.corrected(mission)
         if measures_velocity(mission):
-            fast_imu = preintegrable(corrected, config.graph.imu_min_rate_hz)
-            motion = vehicle_motion(corrected, start, config.motion, fast_imu)
+            motion = own_motion(corrected, start, config)
         problem = build_problem(corrected, start, motion, t, config)
         values = _start(problem, values)
         width = _narrowed(problem, values, width)

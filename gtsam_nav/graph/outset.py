@@ -16,7 +16,7 @@ from gtsam_nav.frames import Array
 from gtsam_nav.graph.clocks import Clocks, find_clocks
 from gtsam_nav.graph.keyframes import keyframe_times, merged_anchors
 from gtsam_nav.graph.measurements.constraints import rolls
-from gtsam_nav.graph.measurements.imu import preintegrable, silences
+from gtsam_nav.graph.measurements.imu import own_motion, preintegrable, silences
 from gtsam_nav.graph.robust import check_sigmas
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.alignment import Alignment, align
@@ -31,7 +31,6 @@ from gtsam_nav.preprocess.motion import (
     measures_velocity,
     offset_from_fixes,
     turn_onto_fixes,
-    vehicle_motion,
     velocity_sensor,
 )
 from gtsam_nav.preprocess.planar_motion import planar_motion
@@ -149,8 +148,7 @@ def start_and_motion(mission: Mission, config: Config) -> tuple[Alignment, Vehic
 def _moved(mission: Mission, start: Alignment, config: Config) -> VehicleMotion:
     if moves_by_edges(mission):
         return edge_motion(mission, start)
-    fast_imu = preintegrable(mission, config.graph.imu_min_rate_hz)
-    return vehicle_motion(mission, start, config.motion, fast_imu)
+    return own_motion(mission, start, config)
 
 
 def _start_on_map(mission: Mission, config: Config) -> Alignment | None:

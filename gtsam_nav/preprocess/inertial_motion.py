@@ -45,12 +45,10 @@ def inertial_motion(mission: Mission, start: Alignment, settings: MotionSettings
     """
     imu = mission.first("imu")
     if imu is None or len(imu.series) < 2:
-        clouds = mission.first("scans") is not None
+        beside = "; of 3-D clouds alone, method kiss tells it" if mission.first("scans") else ""
         raise DataError(
             f"mission '{mission.name}': the motion needs a DVL with valid samples, odometry or an"
-            f" IMU; the mission has: {', '.join(sorted(mission.sensors)) or 'no sensor'}"
-            + "; of 3-D clouds alone, method kiss tells it"
-            * clouds
+            f" IMU; the mission has: {', '.join(sorted(mission.sensors)) or 'no sensor'}{beside}"
         )
     readings = readings_of(imu)
     fixes = mission.first("gnss")

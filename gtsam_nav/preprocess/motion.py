@@ -22,12 +22,7 @@ from gtsam_nav.sensors.dvl import BodyVelocities, body_velocities
 from gtsam_nav.sensors.orientation import tilt_at
 from gtsam_nav.sensors.prediction import chi2_limit
 from gtsam_nav.sensors.rates import angular_rate_b
-from gtsam_nav.series import (
-    BoolArray,
-    DvlSeries,
-    GnssSeries,
-    OdometrySeries,
-)
+from gtsam_nav.series import BoolArray, DvlSeries, GnssSeries, OdometrySeries
 from gtsam_nav.trajectory import Trajectory, record_times
 
 SPREAD_SIGMAS = 5.0

@@ -11,14 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gtsam_nav.frames import (
-    Array,
-    Origin,
-    earth_rate_n,
-    gravity_m_s2,
-    rotation_from_quaternion,
-)
+from gtsam_nav.frames import Array, Origin, earth_rate_n, gravity_m_s2
 from gtsam_nav.mission import Sensor
+from gtsam_nav.preprocess.running_turns import running_turns
 from gtsam_nav.series import ImuSeries
 
 STANDARD_GRAVITY_M_S2 = 9.80665
@@ -92,10 +87,10 @@ def integrate(
     half_turns = 0.25 * (gyro_b[1:] + gyro_b[:-1]) * dt
     half_turns[silent] = 0.0
     turns = np.vstack([np.zeros(3), 2 * half_turns])
-    q_inertial = _running_product(_quaternions(turns))
+    R_inertial = running_turns(turns, np.arange(len(turns)))
     # the navigation frame itself turns with the Earth
     back = Rotation.from_rotvec(-np.outer(t - t[0], earth_n)).as_matrix()
-    R = back @ R_nb @ rotation_from_quaternion(q_inertial)
+    R = back @ R_nb @ R_inertial
     R_half_way = R[:-1] @ Rotation.from_rotvec(half_turns).as_matrix()
     force_n = np.einsum("nij,nj->ni", R_half_way, 0.5 * (accel_b[1:] + accel_b[:-1]))
     v, p = np.tile(v_n, (len(t), 1)), np.tile(p_n, (len(t), 1))
@@ -105,25 +100,3 @@ def integrate(
         v = v_n + np.vstack([np.zeros(3), np.cumsum(a_n * dt, axis=0)])
         p = p_n + np.vstack([np.zeros(3), np.cumsum(0.5 * (v[1:] + v[:-1]) * dt, axis=0)])
     return Strapdown(R, v, p)
-
-
-def _quaternions(turns: Array) -> Array:
-    """Of rotation vectors (n, 3), wxyz."""
-    half = 0.5 * np.linalg.norm(turns, axis=1, keepdims=True)
-    return np.hstack([np.cos(half), 0.5 * np.sinc(half / np.pi) * turns])
-
-
-def _running_product(q_wxyz: Array) -> Array:
-    """Products of all quaternions up to each, by doubling."""
-    total, shift = q_wxyz, 1
-    while shift < len(total):
-        total = np.vstack([total[:shift], _product(total[:-shift], total[shift:])])
-        shift *= 2
-    return np.asarray(total / np.linalg.norm(total, axis=1, keepdims=True))
-
-
-def _product(left: Array, right: Array) -> Array:
-    a, b = left[:, :1], right[:, :1]
-    u, v = left[:, 1:], right[:, 1:]
-    scalar = a * b - np.sum(u * v, axis=1, keepdims=True)
-    return np.hstack([scalar, a * v + b * u + np.cross(u, v)])

@@ -15,9 +15,11 @@ from gtsam_nav.graph.measurements.velocity import add_velocity
 from gtsam_nav.graph.preintegration import InertialStep, imu_parameters
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.mission import Mission, Sensor
-from gtsam_nav.preprocess.motion import measures_velocity
+from gtsam_nav.preprocess.alignment import Alignment
+from gtsam_nav.preprocess.motion import VehicleMotion, measures_velocity, vehicle_motion
 from gtsam_nav.preprocess.strapdown import gravity_at
 from gtsam_nav.sensors.noise import ImuNoise
+from gtsam_nav.sensors.silences import silent_spells
 from gtsam_nav.series import BoolArray, ImuSeries
 
 MAX_IMU_GAP_S = 0.2
@@ -36,12 +38,15 @@ def preintegrable(mission: Mission, min_rate_hz: float) -> Sensor | None:
     return None
 
 
+def own_motion(mission: Mission, start: Alignment, config: Config) -> VehicleMotion:
+    """Dead-reckoned beside the IMU that is preintegrated, if any."""
+    fast_imu = preintegrable(mission, config.graph.imu_min_rate_hz)
+    return vehicle_motion(mission, start, config.motion, fast_imu)
+
+
 def silences(imu: ImuSeries, from_s: float, to_s: float) -> Array:
     """First and last moment of each silence of an IMU within a span, shape (k, 2)."""
-    inside = imu.t[(imu.t > from_s) & (imu.t < to_s)]
-    marks = np.concatenate([[from_s], inside, [to_s]])
-    long = np.flatnonzero(np.diff(marks) > MAX_IMU_GAP_S)
-    return np.column_stack([marks[long], marks[long + 1]])
+    return silent_spells(imu.t, from_s, to_s, MAX_IMU_GAP_S)
 
 
 def add(problem: Problem, mission: Mission, config: Config) -> None:
