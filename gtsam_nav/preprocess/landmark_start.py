@@ -16,7 +16,15 @@ from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.mission import LandmarkMap, Mission, Sensor
 from gtsam_nav.preprocess.alignment import Alignment, align
 from gtsam_nav.preprocess.planar_motion import PlanarMotion
+from gtsam_nav.preprocess.planar_places import (
+    MOST_SIGMA_RAD,
+    OTHER_HEADING_RAD,
+    are_elsewhere,
+    moved,
+    rotated,
+)
 from gtsam_nav.preprocess.planar_smoothing import SightedPoints, smooth
+from gtsam_nav.preprocess.range_start import range_start
 from gtsam_nav.sensors.landmarks import level_points, trusted_ids
 from gtsam_nav.sensors.prediction import chi2_limit
 from gtsam_nav.sensors.settings import LandmarkSettings
@@ -31,13 +39,9 @@ LEAST_SIGHTINGS, LEAST_LANDMARKS, LEAST_SHARE = 4, 2, 0.7
 """What must fit: sightings, landmarks, and a share of the sightings (of few, all but one)."""
 SMOOTHED_S = 60.0
 """How long after the first sighting they still help to place the start."""
-MOST_SIGMA_RAD = np.radians(15.0)
-"""A start whose heading is less certain needs a longer stretch."""
 STEPS = 10
 """Of the least squares."""
 GATE = chi2_limit(0.999, 2)
-OTHER_PLACE_M, OTHER_HEADING_RAD = 1.0, np.radians(30.0)
-"""Starts that differ by more are different answers."""
 
 
 @dataclass(frozen=True)
@@ -116,8 +120,10 @@ def landmark_start(
     if sensor is None or landmarks is None:
         return None
     assert isinstance(sensor.series, LandmarkSeries)
-    if sensor.series.range_m is None or sensor.series.bearing is None:
+    if sensor.series.range_m is None:
         return None
+    if sensor.series.bearing is None:
+        return range_start(mission, motion, sensor, landmarks, settings)
     sighted = _sighted(sensor, settings, landmarks)
     stretch_s = FIRST_STRETCH_S
     while len(sighted.t):
@@ -145,19 +151,13 @@ def _sighted(sensor: Sensor, settings: LandmarkSettings, landmarks: LandmarkMap)
 
 def _constellation(seen: Sighted, motion: PlanarMotion) -> Constellation:
     p, course, variance = motion.at(seen.t)
-    points = p - p[0] + _rotated(seen.p_b, course)
+    points = p - p[0] + rotated(seen.p_b, course)
     drift = variance - variance[0]
     walked = np.max(drift[:, :2], axis=1) + drift[:, 2] * np.sum(points**2, axis=1)
     c, s = np.cos(course), np.sin(course)
     R = np.moveaxis(np.array([[c, -s], [s, c]]), 2, 0)
     cov = R @ seen.cov_b @ np.swapaxes(R, 1, 2) + walked[:, None, None] * np.eye(2)
     return Constellation(seen.id, points, cov)
-
-
-def _rotated(vectors: Array, angle: Array) -> Array:
-    c, s = np.cos(angle), np.sin(angle)
-    x, y = vectors[:, 0], vectors[:, 1]
-    return np.column_stack([c * x - s * y, s * x + c * y])
 
 
 def _placed(points: Constellation, landmarks: LandmarkMap, north_up: bool) -> Fit | None:
@@ -170,7 +170,7 @@ def _placed(points: Constellation, landmarks: LandmarkMap, north_up: bool) -> Fi
     if not usable:
         return None
     best = usable[0]
-    elsewhere = _are_elsewhere(np.array([fit.x for fit in usable]), best.x)
+    elsewhere = are_elsewhere(np.array([fit.x for fit in usable]), best.x)
     rivals = [fit for fit, is_other in zip(usable, elsewhere, strict=True) if is_other]
     return None if rivals and rivals[0].cost - best.cost < GATE else best
 
@@ -203,12 +203,8 @@ def _unlike(x: Array, cost: Array) -> Array:
     while len(left) and len(chosen) < MOST_REFINED:
         best = x[left[0]]
         chosen.append(best)
-        left = left[_are_elsewhere(x[left], best)]
+        left = left[are_elsewhere(x[left], best)]
     return np.array(chosen)
-
-
-def _moved(x: Array, p: Array) -> Array:
-    return x[:2] + _rotated(p, np.full(len(p), x[2]))
 
 
 def _refined(points: Constellation, landmarks: LandmarkMap, may_be: BoolArray, x: Array) -> Fit:
@@ -216,7 +212,7 @@ def _refined(points: Constellation, landmarks: LandmarkMap, may_be: BoolArray, x
     position = landmarks.p_n[:, :2]
     cov = np.full((3, 3), np.inf)
     for _ in range(STEPS):
-        at = _moved(x, points.p)
+        at = moved(x, points.p)
         off = np.where(may_be[..., None], at[:, None] - position, np.inf)
         landmark = np.argmin(np.sum(off**2, axis=2), axis=1)
         residual = off[np.arange(len(at)), landmark]
@@ -247,11 +243,6 @@ def _is_certain(fit: Fit) -> bool:
     )
 
 
-def _are_elsewhere(x: Array, other: Array) -> BoolArray:
-    far = np.hypot(x[:, 0] - other[0], x[:, 1] - other[1]) > OTHER_PLACE_M
-    return np.asarray(far | (np.abs(wrap_angle(x[:, 2] - other[2])) > OTHER_HEADING_RAD))
-
-
 def _alignment(
     mission: Mission, motion: PlanarMotion, fit: Fit, sighted: Sighted, landmarks: LandmarkMap
 ) -> Alignment:
@@ -261,7 +252,7 @@ def _alignment(
     t = np.unique(np.append(seen.t, stated.t))
     p, course, _ = motion.at(t)
     p_first, _, _ = motion.at(sighted.t[:1])
-    begin = np.column_stack([_moved(fit.x, p - p_first), course + fit.x[2]])
+    begin = np.column_stack([moved(fit.x, p - p_first), course + fit.x[2]])
     may_be = (seen.id[:, None] == landmarks.id) | (seen.id[:, None] < 0)
 
     def known(seems: Array) -> Array:
