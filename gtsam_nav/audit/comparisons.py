@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from gtsam_nav.audit.agreement import Lag, Signal
 from gtsam_nav.audit.antenna import AntennaFit, antenna_fit, lever_findings, steady_yaw
 from gtsam_nav.audit.bearings import bearing_findings
 from gtsam_nav.audit.clocks import ClockPair, clock_findings
+from gtsam_nav.audit.compass_unit import compasses_in_radians, taken_for_radians
 from gtsam_nav.audit.courses import (
     BOW,
     Baselines,
@@ -48,8 +49,6 @@ from gtsam_nav.audit.tilt import TiltPair, tilt_findings, tilt_pairs
 from gtsam_nav.audit.turns import (
     TurnPair,
     Turns,
-    compasses_in_radians,
-    in_radians,
     turn_findings,
     turn_pairs,
     turns_of,
@@ -73,6 +72,8 @@ class Comparisons:
     gnss : tuple of Finding
         What the receivers' velocities say of their fixes.
     turns, turn_pairs : what saw turns, and how each two agree
+    radians : dict of str to str
+        Compasses in radians, and what tells it.
     compass : HeadingSeries or None
         The first one, declination applied and radians put right.
     sources : tuple of Velocity
@@ -95,6 +96,7 @@ class Comparisons:
     gnss: tuple[Finding, ...]
     turns: dict[str, Turns]
     turn_pairs: tuple[TurnPair, ...]
+    radians: dict[str, str]
     compass: HeadingSeries | None
     sources: tuple[Velocity, ...]
     ways: Baselines | None
@@ -131,8 +133,9 @@ def compare(mission: Mission) -> Comparisons:
     distrusted = {f.sensor for f in gnss if f.severity == "warning"}
     turns = {name: t for name, t in turns_of(mission).items() if name not in distrusted}
     pairs = turn_pairs(turns)
-    compass = _compass_as_meant(mission, compasses_in_radians(turns, pairs))
     sources = velocity_sources(mission)
+    radians = compasses_in_radians(mission, pairs, sources)
+    compass = _compass_as_meant(mission, radians)
     ways = baselines(mission, compass)
     directions = direction_pairs(sources, ways, _stated_deg(mission))
     blame = direction_blame(directions)
@@ -155,6 +158,7 @@ def compare(mission: Mission) -> Comparisons:
         gnss=gnss,
         turns=turns,
         turn_pairs=pairs,
+        radians=radians,
         compass=compass,
         sources=sources,
         ways=ways,
@@ -179,7 +183,7 @@ def comparison_findings(mission: Mission, c: Comparisons) -> Iterator[Finding]:
         upside_down |= z_is_up(imu)
     # velocities that contradict fixes which are mirrored themselves are sound
     yield from (f for f in c.gnss if f.sensor != c.mirrored_gnss)
-    yield from turn_findings(c.turns, c.turn_pairs, c.wrong_sign)
+    yield from turn_findings(c.turns, c.turn_pairs, c.wrong_sign, c.radians)
     if c.course is not None:
         yield from _course_findings(c.course, _stated_deg(mission)[TRACK], c)
     yield from direction_findings(c.sources, c.ways, c.directions, c.blame)
@@ -235,12 +239,10 @@ def _wrong_signs(
 
 def _compass_as_meant(mission: Mission, radians: Collection[str]) -> HeadingSeries | None:
     """Headings of the first compass, those in radians put right."""
-    compass, sensor = compass_series(mission), mission.first("heading")
-    if compass is None or sensor is None:
-        return None
-    if sensor.name in radians or in_radians(compass):
-        return replace(compass, heading=np.degrees(compass.heading))
-    return compass
+    sensor = mission.first("heading")
+    if sensor is None or sensor.name not in radians:
+        return compass_series(mission)
+    return compass_series(mission.with_sensor(taken_for_radians(sensor)))
 
 
 def _gyro(turns: dict[str, Turns], pairs: tuple[TurnPair, ...]) -> Signal | None:
