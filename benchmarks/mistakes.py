@@ -142,6 +142,11 @@ def _read_as_degrees(heading: Array) -> Array:
     return np.radians(wrap_angle(heading))
 
 
+def _without(*names: str, then: Callable[[Mission], Mission]) -> Callable[[Mission], Mission]:
+    """A mistake in a mission that lacks some sensors."""
+    return lambda mission: then(mission.without(*names))
+
+
 SILENT = SimulationSettings(sonar=None)
 """The marina without its sonar, which takes most of the time."""
 SIGHTED = SimulationSettings(sonar=None, landmarks=LandmarkSimulation(max_range_m=25.0))
@@ -172,6 +177,12 @@ MISTAKES = (
             "heading against course", "heading", "rpy_deg: [0, 0, -180]", SILENT),
     Mistake("heading in radians", "marina", column("heading", "heading", _read_as_degrees),
             "heading unit", "heading", "scale: {heading_deg: 57.29578}", SILENT),
+    Mistake("heading in radians, no IMU", "marina",
+            _without("imu", then=column("heading", "heading", _read_as_degrees)),
+            "heading unit", "heading", "scale: {heading_deg: 57.29578}", SILENT),
+    Mistake("heading in radians, no turns", "marina",
+            _without("imu", "odometry", then=column("heading", "heading", _read_as_degrees)),
+            "heading unit", "heading", "scale: {heading_deg: 57.29578}", SILENT),
     Mistake("roll reversed", "marina", column("attitude", "roll", np.negative),
             "roll sign", "attitude", "scale: {roll_deg: -1}", SILENT),
     Mistake("pitch reversed", "marina", column("attitude", "pitch", np.negative),
@@ -194,6 +205,8 @@ MISTAKES = (
             "velocity axes", "dvl", "scale: {vx: -1, vy: -1}", SILENT),
     Mistake("DVL vz reversed", "marina", column("dvl", "v_d", lambda v: v * [1, 1, -1]),
             "velocity axes", "dvl", "scale: {vz: -1}", SILENT),
+    Mistake("DVL upside down", "marina", column("dvl", "v_d", lambda v: v * [1, -1, -1]),
+            "velocity axes", "dvl", "rpy_deg: [180, 0, 45]", SILENT),
     Mistake("DVL misaligned by 10 deg", "marina", turned("dvl", 10.0),
             "velocity alignment", "dvl", "rpy_deg: [0, 0, ", SILENT),
     Mistake("DVL in knots", "marina", column("dvl", "v_d", lambda v: v / KNOT_M_S),

@@ -54,7 +54,7 @@ from gtsam_nav.audit.turns import (
     turns_of,
     wrong_signs,
 )
-from gtsam_nav.audit.vertical import VerticalPair, vertical_findings, vertical_pairs
+from gtsam_nav.audit.vertical import VerticalPair, reversed_heave, vertical_findings, vertical_pairs
 from gtsam_nav.mission import Mission
 from gtsam_nav.sensors.noise import DvlNoise, HeadingNoise, OdometryNoise
 from gtsam_nav.series import HeadingSeries
@@ -186,11 +186,14 @@ def comparison_findings(mission: Mission, c: Comparisons) -> Iterator[Finding]:
     yield from turn_findings(c.turns, c.turn_pairs, c.wrong_sign, c.radians)
     if c.course is not None:
         yield from _course_findings(c.course, _stated_deg(mission)[TRACK], c)
-    yield from direction_findings(c.sources, c.ways, c.directions, c.blame)
+    heave = reversed_heave(mission, c.vertical, upside_down)
+    directions = list(direction_findings(c.sources, c.ways, c.directions, c.blame, heave))
+    yield from directions
     for dvl in mission.of_type("dvl"):
         yield from implausible_findings(mission, dvl)
     yield from speed_findings(mission, c.speeds, c.wrong_scale)
-    yield from vertical_findings(mission, c.vertical, upside_down)
+    told = {f.sensor for f in directions if f.check == "velocity axes"}
+    yield from vertical_findings(mission, {n: r for n, r in heave.items() if n not in told})
     yield from tilt_findings(c.tilts)
     if not c.suspects_motion:
         yield from bearing_findings(mission)
