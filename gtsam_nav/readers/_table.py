@@ -18,13 +18,15 @@ from gtsam_nav.readers._text import TRUNCATED, parse_rows, read_lines
 class Table:
     """The columns of a CSV file that somebody asked for.
 
-    ``unknown`` names the others; ``cut_stamp`` is the first field of a last line that was cut off.
+    ``unknown`` names the others; ``cut_stamp`` is the first field of a last line that is damaged,
+    ``cut_line`` its number.
     """
 
     path: Path
     columns: Mapping[str, Array]
     unknown: tuple[str, ...] = ()
     cut_stamp: float | None = None
+    cut_line: int | None = None
 
     def has(self, names: Sequence[str]) -> bool:
         """Whether all of these columns are there."""
@@ -108,7 +110,7 @@ def read_table(
         for k, name in enumerate(names)
         if name in wanted
     }
-    return Table(path, columns, unknown, rows.cut_stamp)
+    return Table(path, columns, unknown, rows.cut_stamp, rows.cut_line)
 
 
 def _hint(names: list[str], missing: str) -> str:
