@@ -140,6 +140,7 @@ def simulate(
         float | None, typer.Option(metavar="S", help="Length; the scenario's own where not given.")
     ] = None,
     force: ForceOption = False,
+    quiet: QuietOption = False,
 ) -> None:
     """Write a simulated mission as a mission folder."""
     from gtsam_nav.simulation import simulate as simulated
@@ -147,8 +148,11 @@ def simulate(
     from gtsam_nav.writers.run_folder import settled_output
 
     check_free(out, force)
-    with settled_output(out.parent):
+    with settled_output(out.parent), progress_bars(quiet) as progress:
+        progress("simulate", 0.0)
         mission = simulated(name, seed, duration)
+        progress("simulate", 1.0)
+        progress("write", 0.0)
         write_mission(mission, out)
     start, stop = mission.span_s
     show(f"mission '{mission.name}', {stop - start:.1f} s: {out}")
