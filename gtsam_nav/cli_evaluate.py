@@ -9,7 +9,7 @@ import typer
 
 from gtsam_nav.cli_options import FrameOption, JsonOption, complete_frame
 from gtsam_nav.errors import ConfigError
-from gtsam_nav.terminal import show, show_json
+from gtsam_nav.terminal import say, show, show_json
 
 
 def evaluate(
@@ -34,6 +34,7 @@ def evaluate(
 ) -> None:
     """Score a trajectory against a reference."""
     from gtsam_nav.config import load_config
+    from gtsam_nav.evaluation.frame_hint import frame_hint
     from gtsam_nav.evaluation.metrics import evaluate_trajectory, reference_series
     from gtsam_nav.evaluation.references import open_reference
     from gtsam_nav.writers.frame import frame_named
@@ -48,17 +49,21 @@ def evaluate(
     estimated = read_trajectory(trajectory, frame_named(frame))
     truth = open_reference(reference, config.gnss, frame=frame_named(reference_frame or frame))
     scored = config.evaluation.window_s if window_s is None else (window_s[0], window_s[1])
-    scores = evaluate_trajectory(
+    georeferenced = read_record(record).georeferenced if record.is_file() else True
+    compared = (
         estimated,
         reference_series(truth),
         truth.xyz_b if lever_b is None else lever_b,
         scored,
-        georeferenced=read_record(record).georeferenced if record.is_file() else True,
     )
+    scores = evaluate_trajectory(*compared, georeferenced=georeferenced)
+    hint = frame_hint(*compared, georeferenced=georeferenced)
     if as_json:
         show_json(scores.to_json())
     else:
         show(f"{trajectory} against {truth.name} of {reference}", str(scores))
+    if hint is not None:
+        say(f"hint: {hint}; --frame and --reference-frame say in which axes a file is")
 
 
 def numbers(option: str, text: str, count: int) -> list[float]:

@@ -262,7 +262,8 @@ class _Reading:
             self.origin = fixes.first_usable()
             if self.origin is not None:
                 self.warnings.append(
-                    f"{self.description} states no origin: the first fix of '{name}' is taken"
+                    f"{self.description} states no origin: the first fix of '{name}' is taken, and"
+                    " whatever is given as north, east and down is taken to count from there"
                 )
         # without any usable fix every origin does: the reasons come out all the same
         return fixes.series(name, self.origin or Origin(0.0, 0.0))
