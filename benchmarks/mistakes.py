@@ -12,8 +12,16 @@ from functools import cache
 import numpy as np
 
 import gtsam_nav as gn
-from gtsam_nav.frames import Array, rotation_from_rpy, wrap_angle
+from gtsam_nav.frames import (
+    Array,
+    Origin,
+    geodetic_from_ned,
+    ned_from_geodetic,
+    rotation_from_rpy,
+    wrap_angle,
+)
 from gtsam_nav.mission import Mission
+from gtsam_nav.series import GnssSeries
 from gtsam_nav.simulation.settings import GnssSimulation, LandmarkSimulation, SimulationSettings
 
 G_M_S2 = 9.80665
@@ -130,6 +138,17 @@ def _exchanged(ned: Array) -> Array:
     return ned[:, [1, 0, 2]] * [1.0, 1.0, -1.0]
 
 
+def _exchanged_degrees(mission: Mission) -> Mission:
+    """Latitude under longitude's name, and an origin that is the first fix."""
+    gnss, origin = mission.sensors["gnss"], mission.origin
+    assert isinstance(gnss.series, GnssSeries)
+    assert origin is not None
+    lat, lon, height = geodetic_from_ned(gnss.series.p_n, origin)
+    there = Origin(float(lon[0]), float(lat[0]))
+    series = replace(gnss.series, p_n=ned_from_geodetic(lon, lat, height, there))
+    return replace(mission.with_sensor(replace(gnss, series=series)), origin=there)
+
+
 def _from_east(heading: Array) -> Array:
     return wrap_angle(0.5 * np.pi - heading)
 
@@ -169,6 +188,8 @@ MISTAKES = (
             "gnss velocity", "gnss", "columns: {vn: ve, ve: vn}"),
     Mistake("fixes ENU", "marina", column("gnss", "p_n", _exchanged),
             "fixes mirrored", "gnss", "columns: {n: e, e: n}", SILENT),
+    Mistake("latitude and longitude exchanged", "marina", _exchanged_degrees,
+            "fixes mirrored", "gnss", "columns: {lat_deg: lon_deg, lon_deg: lat_deg}", SILENT),
     Mistake("heading ENU", "marina", column("heading", "heading", _from_east),
             "heading against course", "heading", "rpy_deg: [0, 0, -90]", SILENT),
     Mistake("heading reversed sign", "marina", column("heading", "heading", np.negative),
