@@ -13,7 +13,7 @@ from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.rest import initial_rest
 from gtsam_nav.series import DvlSeries, OdometrySeries, Series
 
-REST_SPEED_M_S, REST_SIGMA_M_S = 0.03, 0.01
+REST_SPEED_M_S, REST_SIGMA_M_S = 0.03, 0.005
 """What counts as motion, and how well a window's median must tell it."""
 SHORTEST_WINDOW_S, LONGEST_WINDOW_S = 1.0, 10.0
 
@@ -87,7 +87,7 @@ def initial_rest_s(mission: Mission) -> float | None:
 
 
 def _window_s(velocity: Sensor) -> float:
-    """How long a window's median takes to be as good as `REST_SIGMA_M_S`, by the samples' scatter."""
+    """What a window takes for a median as good as `REST_SIGMA_M_S`, by the samples' scatter."""
     t, v = _velocities(velocity.series)
     if len(t) < 3:
         return LONGEST_WINDOW_S
