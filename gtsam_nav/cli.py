@@ -29,6 +29,8 @@ from gtsam_nav.cli_run import compare, run
 from gtsam_nav.errors import GtsamNavError
 from gtsam_nav.terminal import progress_bars, say, show, show_json
 
+NO_METHOD = "none: each needs a DVL with valid samples, odometry, an IMU, 3-D clouds or edges"
+
 app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -117,7 +119,7 @@ def inspect(
         show(f"{found.edges} edges of a pose graph, {found.loops} of which close loops{more}")
     show(
         f"span {found.span_s[0]:.1f} to {found.span_s[1]:.1f} s{rest}",
-        f"methods that can run: {', '.join(found.methods) or 'none'}",
+        f"methods that can run: {', '.join(found.methods) or NO_METHOD}",
     )
     if contents is not None:
         show("", "card for run MISSION -c FILE:", "", contents.card)

@@ -325,7 +325,9 @@ def _row(texts: Sequence[str], names: Sequence[str], fields: Sequence[Field]) ->
         try:
             row.append(field(text))
         except (ValueError, KeyError) as error:
-            raise ValueError(f"{name} is '{text.strip()[:40]}', not a number") from error
+            date = ": stamps are seconds, not dates" * (name == "t" and ":" in text)
+            what = f"{name} is '{text.strip()[:40]}', not a number{date}"
+            raise ValueError(what) from error
     return row
 
 

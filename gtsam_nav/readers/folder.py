@@ -46,6 +46,7 @@ from gtsam_nav.preprocess.repeats import without_repeats
 from gtsam_nav.readers._clock import on_mission_time
 from gtsam_nav.readers._edge_table import read_edges
 from gtsam_nav.readers._gnss import Fixes
+from gtsam_nav.readers._mended_table import mended
 from gtsam_nav.readers._mission_yaml import (
     EDGES,
     LANDMARK_MAP,
@@ -207,7 +208,8 @@ class _Reading:
         table = self._table(name, entry, path, layout)
         model = NOISE_MODELS.get(entry.type)
         noise = None if model is None else model.model_validate(entry.noise)
-        table = self._with_usual_sigmas(name, table, noise, layout)
+        table, said = mended(table, noise, layout)
+        self.warnings += [f"sensor '{name}': {path.name} {what}" for what in said]
         if table.has(GEODETIC_COLUMNS):
             series, rejections = self._geodetic(name, table, noise, layout)
             return series, rejections + table.cut(name)
@@ -229,29 +231,6 @@ class _Reading:
             **constants,
         )
         return series, rejections + table.cut(name)
-
-    def _with_usual_sigmas(
-        self, name: str, table: Table, noise: Any, layout: tuple[Field, ...]
-    ) -> Table:
-        """The table with the noise figures for columns of sigmas that are zero throughout.
-
-        Many a driver writes them that does not know better.
-        """
-        usual = {
-            column: getattr(noise, figure)
-            for spec in layout
-            for column, figure in zip(spec.columns, spec.noise, strict=False)
-            if column in table.columns and _is_zero(table.columns[column])
-        }
-        if not usual:
-            return table
-        figures = ", ".join(f"{column} {value:g}" for column, value in usual.items())
-        self.warnings.append(
-            f"sensor '{name}': {table.path.name} has {', '.join(usual)} of zero throughout: the"
-            f" noise figures serve instead ({figures})"
-        )
-        filled = {column: np.full(len(table.columns["t"]), usual[column]) for column in usual}
-        return replace(table, columns={**table.columns, **filled})
 
     def _geodetic(self, name: str, table: Table, noise: Any, layout: tuple[Field, ...]) -> Cleaned:
         _, sigma, v_n = (_values(spec, table, noise) for spec in layout)
@@ -327,11 +306,6 @@ class _Reading:
         if len(np.unique(whole.id)) < len(whole.id):
             raise DataError("a landmark's id is given twice", path)
         return whole
-
-
-def _is_zero(column: Array) -> bool:
-    """Whether a column holds zeros and nothing else that is finite."""
-    return bool(np.any(column == 0.0) and np.all((column == 0.0) | ~np.isfinite(column)))
 
 
 def _not_whole(layout: tuple[Field, ...], columns: Mapping[str, Array]) -> dict[str, BoolArray]:
