@@ -220,6 +220,8 @@ MISTAKES = (
             "range unit", "landmarks", "scale: {range_m: 0.3048}", SIGHTED),
     Mistake("mirrored sonar", "marina", column("sonar", "angle", np.negative),
             "sonar handedness", "sonar", "rpy_deg: [180"),
+    Mistake("sonar angles in degrees", "marina", column("sonar", "angle", np.degrees),
+            "sonar angle unit", "sonar", ""),
     Mistake("sonar head offset 20 deg", "marina", turned("sonar", 20.0),
             "sonar head offset", "sonar", "rpy_deg: [0, 0, "),
     Mistake("sonar head offset 90 deg", "marina", turned("sonar", 90.0),

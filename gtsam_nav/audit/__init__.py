@@ -156,7 +156,7 @@ def _map_findings(
 ) -> Iterator[Finding]:
     """The map's own consistency, where nothing else is wrong with what it is drawn by."""
     compass = compared.compass
-    if head is None or compass is None or compared.suspects_motion:
+    if head is None or head.unit != "rad" or compass is None or compared.suspects_motion:
         return
     velocity = compared.sources[0] if compared.sources[0].name != BOW else None
     sweeps = sweeps_of(sonar, compass, velocity, head.beams_per_sweep)

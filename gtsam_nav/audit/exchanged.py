@@ -52,7 +52,10 @@ def _judged(
     errors += [_errors(ways, c.applied(compass), velocity) for c in CONVENTIONS]
     if decided(losses(np.array(errors)[:, covered])) == 0:
         by = "compass" if velocity.name == BOW else f"compass and {velocity.name}"
-        message = f"latitude and longitude are exchanged: then their way is that by {by}"
+        message = (
+            "latitude and longitude are exchanged, those of the origin too:"
+            f" put right, their way is that by {by}"
+        )
         fix = fixes.EXCHANGED_DEGREES
         yield Finding("fixes mirrored", ways.gnss.name, "warning", message, fix)
 
