@@ -187,7 +187,9 @@ def comparison_findings(mission: Mission, c: Comparisons) -> Iterator[Finding]:
     if c.course is not None:
         yield from _course_findings(c.course, _stated_deg(mission)[TRACK], c)
     heave = reversed_heave(mission, c.vertical, upside_down)
-    directions = list(direction_findings(c.sources, c.ways, c.directions, c.blame, heave))
+    told_z = {name for p in c.vertical for name in p.pair}
+    untold = {dvl.name for dvl in mission.of_type("dvl")} - told_z
+    directions = list(direction_findings(c.sources, c.ways, c.directions, c.blame, heave, untold))
     yield from directions
     for dvl in mission.of_type("dvl"):
         yield from implausible_findings(mission, dvl)

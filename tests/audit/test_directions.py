@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 import pytest
@@ -65,10 +65,13 @@ def velocity(name: str = "dvl", turned_deg: float = 0.0, axes: Array | None = No
 
 
 def warned(
-    *sources: Velocity, where: Baselines | None, heave: Mapping[str, str] | None = None
+    *sources: Velocity,
+    where: Baselines | None,
+    heave: Mapping[str, str] | None = None,
+    untold: Collection[str] = (),
 ) -> dict[str, Finding]:
     pairs = direction_pairs(sources, where, STATED)
-    found = direction_findings(sources, where, pairs, direction_blame(pairs), heave or {})
+    found = direction_findings(sources, where, pairs, direction_blame(pairs), heave or {}, untold)
     return {str(f.sensor): f for f in found if f.severity == "warning"}
 
 
@@ -104,6 +107,17 @@ def test_an_instrument_that_lies_on_its_back_is_turned(with_fixes: bool) -> None
     found = warned(on_its_back, velocity("odometry"), velocity(BOW), where=where, heave=UP)
     assert found["dvl"].fix == "rpy_deg: [180, 0, 45]"
     assert "goes up where imu goes down: mounted upside down" in found["dvl"].message
+
+
+def test_without_heave_an_instrument_on_its_back_is_offered_too() -> None:
+    on_its_back = velocity(axes=np.diag([1.0, -1.0, -1.0]))
+    found = warned(
+        on_its_back, velocity("odometry"), velocity(BOW), where=ways(), untold=("dvl", "odometry")
+    )
+    assert "vy reversed" in found["dvl"].message
+    assert "or mounted upside down" in found["dvl"].message
+    assert "scale: {vy: -1}" in found["dvl"].fix
+    assert "rpy_deg: [180, 0, 45]" in found["dvl"].fix
 
 
 def test_a_reversed_z_alone_may_be_either() -> None:
