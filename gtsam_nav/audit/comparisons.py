@@ -36,6 +36,7 @@ from gtsam_nav.audit.heading import (
     mirrored_fixes,
 )
 from gtsam_nav.audit.inertial import inertial_findings, z_is_up
+from gtsam_nav.audit.ranges import range_findings
 from gtsam_nav.audit.receiver import velocity_findings
 from gtsam_nav.audit.speeds import (
     SpeedPair,
@@ -199,6 +200,8 @@ def comparison_findings(mission: Mission, c: Comparisons) -> Iterator[Finding]:
     yield from tilt_findings(c.tilts)
     if not c.suspects_motion:
         yield from bearing_findings(mission)
+        if c.sources[0].name != BOW:
+            yield from range_findings(mission, c.sources[0])
     for name, fit in c.antennas.items():
         yield from lever_findings(mission.sensors[name], fit)
     timed = [s.name for s in mission.sensors.values() if s.type in TIMED and len(s.series) > 1]
