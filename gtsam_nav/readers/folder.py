@@ -45,7 +45,7 @@ from gtsam_nav.preprocess.cleaning import screen, tidy
 from gtsam_nav.preprocess.repeats import without_repeats
 from gtsam_nav.readers._clock import on_mission_time
 from gtsam_nav.readers._edge_table import read_edges
-from gtsam_nav.readers._gnss import Fixes
+from gtsam_nav.readers._gnss import OFF_THE_GLOBE, OFF_THE_GLOBE_MENDED, Fixes
 from gtsam_nav.readers._mended_table import mended
 from gtsam_nav.readers._mission_yaml import (
     EDGES,
@@ -178,6 +178,8 @@ class _Reading:
             self.warnings.append(
                 f"sensor '{name}' is left out: {entry.file} holds no valid sample "
                 f"({len(rejections)} dropped{mostly})"
+                + OFF_THE_GLOBE_MENDED
+                * mostly.endswith(OFF_THE_GLOBE)
             )
             return
         if entry.drop_repeats:
