@@ -136,7 +136,14 @@ def test_evaluate_in_east_north_up(tmp_path: Path, capsys: pytest.CaptureFixture
     write_tum(trajectory, tmp_path / "truth.tum", "ned")
     frames = ("--frame", "enu", "--reference-frame", "ned")
     assert run_main("evaluate", *files, *frames, "--json") == 0
-    assert json.loads(capsys.readouterr().out)["ate"]["none"]["max"] < 1e-9
+    told = capsys.readouterr()
+    assert json.loads(told.out)["ate"]["none"]["max"] < 1e-9
+    assert told.err == ""
+    assert run_main("evaluate", *files) == 0
+    told = capsys.readouterr()
+    assert "ate none" in told.out
+    assert "as if north and east are exchanged (ENU read as NED)" in told.err
+    assert "--frame and --reference-frame say in which axes" in told.err
     assert run_main("evaluate", *files, "--frame", "nwu") == 2
     assert "unknown frame 'nwu'; the choices are: ned, enu" in capsys.readouterr().err
 
