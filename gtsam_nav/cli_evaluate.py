@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from gtsam_nav.cli_options import FrameOption, JsonOption, complete_frame
 from gtsam_nav.errors import ConfigError
 from gtsam_nav.terminal import say, show, show_json
+
+if TYPE_CHECKING:
+    from gtsam_nav.frames import Array
 
 
 def evaluate(
@@ -62,8 +65,19 @@ def evaluate(
         show_json(scores.to_json())
     else:
         show(f"{trajectory} against {truth.name} of {reference}", str(scores))
+    if scores.failed:
+        say(
+            f"hint: it covers {scores.coverage:.1%} of the reference: the trajectory"
+            f" {span(estimated.t)}, the reference {span(truth.series.t)}; mission time begins with"
+            " the first sample"
+        )
     if hint is not None:
         say(f"hint: {hint}; --frame and --reference-frame say in which axes a file is")
+
+
+def span(t: Array) -> str:
+    """From when to when."""
+    return f"spans {t[0]:.1f} to {t[-1]:.1f} s" if len(t) else "is empty"
 
 
 def numbers(option: str, text: str, count: int) -> list[float]:

@@ -117,6 +117,8 @@ class TrajectoryMetrics:
     def _lines(self) -> list[str]:
         if self.coverage is None:
             return []
+        if self.coverage == 0.0 and self.ate == AbsoluteErrors():
+            return ["no score: the estimate covers nothing of the reference"]
         lines = []
         for name in ALIGNMENTS:
             e: ErrorStatistics | None = getattr(self.ate, name)
