@@ -216,7 +216,10 @@ def show_runs(folders: Mapping[str, Path], as_json: bool = False) -> None:
             concerned.setdefault(warning, []).append(row.name)
         if row.coverage is None and row.relations is None:
             used = runs[row.name].metrics.gnss_used
-            why = f": the method used all {used} fixes, and gnss.use withheld none" * (used > 0)
+            why = (
+                f": the method used all {used} fixes, and gnss.use withheld none (with"
+                " --set gnss.use=every_k it keeps most of them for scoring)"
+            ) * (used > 0)
             concerned.setdefault(f"no score: nothing to score on{why}", []).append(row.name)
         elif row.failed:
             failed = f"failed: covers only {row.coverage:.1%} of the reference"
