@@ -12,6 +12,7 @@ from gtsam_nav.audit.antenna import AntennaFit, antenna_fit, lever_findings, ste
 from gtsam_nav.audit.bearings import bearing_findings
 from gtsam_nav.audit.clocks import ClockPair, clock_findings
 from gtsam_nav.audit.compass_unit import compasses_in_radians, taken_for_radians
+from gtsam_nav.audit.compasses import compass_findings
 from gtsam_nav.audit.courses import (
     BOW,
     Baselines,
@@ -185,6 +186,7 @@ def comparison_findings(mission: Mission, c: Comparisons) -> Iterator[Finding]:
     # velocities that contradict fixes which are mirrored themselves are sound
     yield from (f for f in c.gnss if f.sensor != c.mirrored_gnss)
     yield from turn_findings(c.turns, c.turn_pairs, c.wrong_sign, c.radians)
+    yield from compass_findings(mission, c.radians)
     if c.course is not None:
         yield from _course_findings(c.course, _stated_deg(mission)[TRACK], c)
     heave = reversed_heave(mission, c.vertical, upside_down)
