@@ -12,8 +12,16 @@ from functools import cache
 import numpy as np
 
 import gtsam_nav as gn
-from gtsam_nav.frames import Array, rotation_from_rpy, wrap_angle
+from gtsam_nav.frames import (
+    Array,
+    Origin,
+    geodetic_from_ned,
+    ned_from_geodetic,
+    rotation_from_rpy,
+    wrap_angle,
+)
 from gtsam_nav.mission import Mission
+from gtsam_nav.series import GnssSeries
 from gtsam_nav.simulation.settings import GnssSimulation, LandmarkSimulation, SimulationSettings
 
 G_M_S2 = 9.80665
@@ -130,6 +138,17 @@ def _exchanged(ned: Array) -> Array:
     return ned[:, [1, 0, 2]] * [1.0, 1.0, -1.0]
 
 
+def _exchanged_degrees(mission: Mission) -> Mission:
+    """Latitude under longitude's name, and an origin that is the first fix."""
+    gnss, origin = mission.sensors["gnss"], mission.origin
+    assert isinstance(gnss.series, GnssSeries)
+    assert origin is not None
+    lat, lon, height = geodetic_from_ned(gnss.series.p_n, origin)
+    there = Origin(float(lon[0]), float(lat[0]))
+    series = replace(gnss.series, p_n=ned_from_geodetic(lon, lat, height, there))
+    return replace(mission.with_sensor(replace(gnss, series=series)), origin=there)
+
+
 def _from_east(heading: Array) -> Array:
     return wrap_angle(0.5 * np.pi - heading)
 
@@ -140,6 +159,11 @@ def _astern(heading: Array) -> Array:
 
 def _read_as_degrees(heading: Array) -> Array:
     return np.radians(wrap_angle(heading))
+
+
+def _without(*names: str, then: Callable[[Mission], Mission]) -> Callable[[Mission], Mission]:
+    """A mistake in a mission that lacks some sensors."""
+    return lambda mission: then(mission.without(*names))
 
 
 SILENT = SimulationSettings(sonar=None)
@@ -164,6 +188,8 @@ MISTAKES = (
             "gnss velocity", "gnss", "columns: {vn: ve, ve: vn}"),
     Mistake("fixes ENU", "marina", column("gnss", "p_n", _exchanged),
             "fixes mirrored", "gnss", "columns: {n: e, e: n}", SILENT),
+    Mistake("latitude and longitude exchanged", "marina", _exchanged_degrees,
+            "fixes mirrored", "gnss", "columns: {lat_deg: lon_deg, lon_deg: lat_deg}", SILENT),
     Mistake("heading ENU", "marina", column("heading", "heading", _from_east),
             "heading against course", "heading", "rpy_deg: [0, 0, -90]", SILENT),
     Mistake("heading reversed sign", "marina", column("heading", "heading", np.negative),
@@ -171,6 +197,12 @@ MISTAKES = (
     Mistake("heading 180 deg off", "marina", column("heading", "heading", _astern),
             "heading against course", "heading", "rpy_deg: [0, 0, -180]", SILENT),
     Mistake("heading in radians", "marina", column("heading", "heading", _read_as_degrees),
+            "heading unit", "heading", "scale: {heading_deg: 57.29578}", SILENT),
+    Mistake("heading in radians, no IMU", "marina",
+            _without("imu", then=column("heading", "heading", _read_as_degrees)),
+            "heading unit", "heading", "scale: {heading_deg: 57.29578}", SILENT),
+    Mistake("heading in radians, no turns", "marina",
+            _without("imu", "odometry", then=column("heading", "heading", _read_as_degrees)),
             "heading unit", "heading", "scale: {heading_deg: 57.29578}", SILENT),
     Mistake("roll reversed", "marina", column("attitude", "roll", np.negative),
             "roll sign", "attitude", "scale: {roll_deg: -1}", SILENT),
@@ -180,8 +212,16 @@ MISTAKES = (
             "depth sign", "depth", "scale: {depth_m: -1}", SILENT),
     Mistake("bearings reversed", "marina", column("landmarks", "bearing", np.negative),
             "bearing sign", "landmarks", "scale: {bearing_deg: -1}", SIGHTED),
+    Mistake("bearings in radians", "marina", column("landmarks", "bearing", np.radians),
+            "bearing unit", "landmarks", "scale: {bearing_deg: 57.29578}", SIGHTED),
+    Mistake("bearings in degrees twice", "marina", column("landmarks", "bearing", np.degrees),
+            "bearing unit", "landmarks", "scale: {bearing_deg: 0.01745329}", SIGHTED),
+    Mistake("ranges in feet", "marina", column("landmarks", "range_m", lambda r: r / 0.3048),
+            "range unit", "landmarks", "scale: {range_m: 0.3048}", SIGHTED),
     Mistake("mirrored sonar", "marina", column("sonar", "angle", np.negative),
             "sonar handedness", "sonar", "rpy_deg: [180"),
+    Mistake("sonar angles in degrees", "marina", column("sonar", "angle", np.degrees),
+            "sonar angle unit", "sonar", ""),
     Mistake("sonar head offset 20 deg", "marina", turned("sonar", 20.0),
             "sonar head offset", "sonar", "rpy_deg: [0, 0, "),
     Mistake("sonar head offset 90 deg", "marina", turned("sonar", 90.0),
@@ -194,6 +234,8 @@ MISTAKES = (
             "velocity axes", "dvl", "scale: {vx: -1, vy: -1}", SILENT),
     Mistake("DVL vz reversed", "marina", column("dvl", "v_d", lambda v: v * [1, 1, -1]),
             "velocity axes", "dvl", "scale: {vz: -1}", SILENT),
+    Mistake("DVL upside down", "marina", column("dvl", "v_d", lambda v: v * [1, -1, -1]),
+            "velocity axes", "dvl", "rpy_deg: [180, 0, 45]", SILENT),
     Mistake("DVL misaligned by 10 deg", "marina", turned("dvl", 10.0),
             "velocity alignment", "dvl", "rpy_deg: [0, 0, ", SILENT),
     Mistake("DVL in knots", "marina", column("dvl", "v_d", lambda v: v / KNOT_M_S),

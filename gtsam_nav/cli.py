@@ -29,6 +29,8 @@ from gtsam_nav.cli_run import compare, run
 from gtsam_nav.errors import GtsamNavError
 from gtsam_nav.terminal import progress_bars, say, show, show_json
 
+NO_METHOD = "none: each needs a DVL with valid samples, odometry, an IMU, 3-D clouds or edges"
+
 app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -117,7 +119,7 @@ def inspect(
         show(f"{found.edges} edges of a pose graph, {found.loops} of which close loops{more}")
     show(
         f"span {found.span_s[0]:.1f} to {found.span_s[1]:.1f} s{rest}",
-        f"methods that can run: {', '.join(found.methods) or 'none'}",
+        f"methods that can run: {', '.join(found.methods) or NO_METHOD}",
     )
     if contents is not None:
         show("", "card for run MISSION -c FILE:", "", contents.card)
@@ -140,6 +142,7 @@ def simulate(
         float | None, typer.Option(metavar="S", help="Length; the scenario's own where not given.")
     ] = None,
     force: ForceOption = False,
+    quiet: QuietOption = False,
 ) -> None:
     """Write a simulated mission as a mission folder."""
     from gtsam_nav.simulation import simulate as simulated
@@ -147,8 +150,11 @@ def simulate(
     from gtsam_nav.writers.run_folder import settled_output
 
     check_free(out, force)
-    with settled_output(out.parent):
+    with settled_output(out.parent), progress_bars(quiet) as progress:
+        progress("simulate", 0.0)
         mission = simulated(name, seed, duration)
+        progress("simulate", 1.0)
+        progress("write", 0.0)
         write_mission(mission, out)
     start, stop = mission.span_s
     show(f"mission '{mission.name}', {stop - start:.1f} s: {out}")

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from gtsam_nav.cli_options import FrameOption, JsonOption, complete_frame
 from gtsam_nav.errors import ConfigError
-from gtsam_nav.terminal import show, show_json
+from gtsam_nav.terminal import say, show, show_json
+
+if TYPE_CHECKING:
+    from gtsam_nav.frames import Array
 
 
 def evaluate(
@@ -34,6 +37,7 @@ def evaluate(
 ) -> None:
     """Score a trajectory against a reference."""
     from gtsam_nav.config import load_config
+    from gtsam_nav.evaluation.frame_hint import frame_hint
     from gtsam_nav.evaluation.metrics import evaluate_trajectory, reference_series
     from gtsam_nav.evaluation.references import open_reference
     from gtsam_nav.writers.frame import frame_named
@@ -48,17 +52,32 @@ def evaluate(
     estimated = read_trajectory(trajectory, frame_named(frame))
     truth = open_reference(reference, config.gnss, frame=frame_named(reference_frame or frame))
     scored = config.evaluation.window_s if window_s is None else (window_s[0], window_s[1])
-    scores = evaluate_trajectory(
+    georeferenced = read_record(record).georeferenced if record.is_file() else True
+    compared = (
         estimated,
         reference_series(truth),
         truth.xyz_b if lever_b is None else lever_b,
         scored,
-        georeferenced=read_record(record).georeferenced if record.is_file() else True,
     )
+    scores = evaluate_trajectory(*compared, georeferenced=georeferenced)
+    hint = frame_hint(*compared, georeferenced=georeferenced)
     if as_json:
         show_json(scores.to_json())
     else:
         show(f"{trajectory} against {truth.name} of {reference}", str(scores))
+    if scores.failed:
+        say(
+            f"hint: it covers {scores.coverage:.1%} of the reference: the trajectory"
+            f" {span(estimated.t)}, the reference {span(truth.series.t)}; mission time begins with"
+            " the first sample"
+        )
+    if hint is not None:
+        say(f"hint: {hint}; --frame and --reference-frame say in which axes a file is")
+
+
+def span(t: Array) -> str:
+    """From when to when."""
+    return f"spans {t[0]:.1f} to {t[-1]:.1f} s" if len(t) else "is empty"
 
 
 def numbers(option: str, text: str, count: int) -> list[float]:

@@ -46,7 +46,7 @@ def export(
             show(*map(str, paths))
     # among several runs one may lack what another has
     excused = len(folders) > 1 and written > 0
-    for failure in failures:
+    for failure in dict.fromkeys(map(str, failures)):
         say(f"{'warning' if excused else 'error'}: {failure}")
     if failures and not excused:
         raise typer.Exit(failures[0].exit_code)

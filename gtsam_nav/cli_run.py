@@ -90,6 +90,7 @@ def run(
     if report is not None:
         show_runs({solution.method: folder / solution.method for solution in solutions})
         show("", f"{wall_s:.1f} s from opening the mission to the last result", f"report: {report}")
+        tell_hints(solutions, resolved)
         beside = (found for found in find_runs(folder) if found.parent == folder)
         earlier = [found.name for found in beside if found.name not in names]
         if earlier:
@@ -101,6 +102,25 @@ def run(
         say(f"error: {name}: {error}")
     if failures:
         raise typer.Exit(max(error.exit_code for error in failures.values()))
+
+
+def tell_hints(solutions: Sequence[Solution], config: Config) -> None:
+    """Say which trajectories seem to be in other axes than what they are scored on."""
+    from gtsam_nav.evaluation.frame_hint import frame_hint
+    from gtsam_nav.evaluation.metrics import reference_series
+
+    for solution in solutions:
+        truth = solution.reference
+        if truth is not None:
+            hint = frame_hint(
+                solution.trajectory,
+                reference_series(truth),
+                truth.xyz_b,
+                config.evaluation.window_s,
+                georeferenced=solution.georeferenced,
+            )
+            if hint is not None:
+                say(f"hint: {solution.method}: {hint}; or its reference is")
 
 
 def compare(
@@ -177,6 +197,7 @@ def estimate_each(
 def show_runs(folders: Mapping[str, Path], as_json: bool = False) -> None:
     """Finished runs side by side under the names given, and what the user must hear of them."""
     from gtsam_nav.evaluation.comparison import comparison_row
+    from gtsam_nav.evaluation.metrics import WHY_NONE
     from gtsam_nav.writers.run_folder import read_run
 
     runs = {name: read_run(folder) for name, folder in folders.items()}
@@ -195,10 +216,17 @@ def show_runs(folders: Mapping[str, Path], as_json: bool = False) -> None:
             concerned.setdefault(warning, []).append(row.name)
         if row.coverage is None and row.relations is None:
             used = runs[row.name].metrics.gnss_used
-            why = f": the method used all {used} fixes, and gnss.use withheld none" * (used > 0)
+            why = (
+                f": the method used all {used} fixes, and gnss.use withheld none (with"
+                " --set gnss.use=every_k it keeps most of them for scoring)"
+            ) * (used > 0)
             concerned.setdefault(f"no score: nothing to score on{why}", []).append(row.name)
         elif row.failed:
             failed = f"failed: covers only {row.coverage:.1%} of the reference"
             concerned.setdefault(failed, []).append(row.name)
+        ate = runs[row.name].metrics.ate
+        if ate.se2 is not None and ate.none is None:
+            why = f"no error without alignment: {WHY_NONE['none']}"
+            concerned.setdefault(why, []).append(row.name)
     for warning, names in concerned.items():
         say(f"warning: {', '.join(names)}: {warning}")

@@ -266,6 +266,24 @@ def test_sonar_head(mission: Mission) -> None:
     assert head.silent_share == 0.0
 
 
+@pytest.mark.parametrize(("unit", "a_turn"), [("degrees", 360.0), ("gradians", 400.0)])
+def test_head_angles_in_another_unit(mission: Mission, unit: str, a_turn: float) -> None:
+    def read(angle: Array) -> Array:
+        return np.asarray(a_turn * (angle / (2 * np.pi) % 1.0))
+
+    found = audit(altered(mission, "beams", read, "angle"))
+    assert f"in {unit}, not in rad" in finding(found, "sonar angle unit").message
+    assert not [f for f in found.findings if f.check in ("sonar handedness", "sonar head offset")]
+
+
+def test_bins_that_reach_too_far(mission: Mission) -> None:
+    sonar = mission.of_type("beams")[0]
+    assert isinstance(sonar.series, BeamSeries)
+    assert audit(mission).sonars[0].range_m == pytest.approx(100.0)
+    in_cm = replace(sonar, series=replace(sonar.series, resolution_m=50.0))
+    assert "not in m" in finding(audit(mission.with_sensor(in_cm)), "sonar range").message
+
+
 def test_sector_that_is_swept_back_and_forth(mission: Mission) -> None:
     def swing(angle: Array) -> Array:
         k = np.arange(len(angle)) % 80

@@ -271,7 +271,7 @@ def test_simulate_writes_the_same_mission_for_the_same_seed(
 
 
 def test_simulate_lasts_as_long_as_its_scenario(gtsam_nav: CommandLine, tmp_path: Path) -> None:
-    made = gtsam_nav("simulate", "ranger", "--seed", 1, "--out", tmp_path / "run")
+    made = gtsam_nav("simulate", "ranger", "--seed", 1, "-q", "--out", tmp_path / "run")
     assert made.code == 0
     assert "mission 'ranger-1', 8.4 s" in made.out
     assert gtsam_nav("inspect", tmp_path / "run", "--json").code == 0

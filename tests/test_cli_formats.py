@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -136,9 +137,29 @@ def test_evaluate_in_east_north_up(tmp_path: Path, capsys: pytest.CaptureFixture
     write_tum(trajectory, tmp_path / "truth.tum", "ned")
     frames = ("--frame", "enu", "--reference-frame", "ned")
     assert run_main("evaluate", *files, *frames, "--json") == 0
-    assert json.loads(capsys.readouterr().out)["ate"]["none"]["max"] < 1e-9
+    told = capsys.readouterr()
+    assert json.loads(told.out)["ate"]["none"]["max"] < 1e-9
+    assert told.err == ""
+    assert run_main("evaluate", *files) == 0
+    told = capsys.readouterr()
+    assert "ate none" in told.out
+    assert "as if north and east are exchanged (ENU read as NED)" in told.err
+    assert "--frame and --reference-frame say in which axes" in told.err
     assert run_main("evaluate", *files, "--frame", "nwu") == 2
     assert "unknown frame 'nwu'; the choices are: ned, enu" in capsys.readouterr().err
+
+
+def test_evaluate_at_other_times(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    t = np.arange(0.0, 60.0, 0.5)
+    p_n = np.column_stack([t, 0.1 * t**1.5, np.zeros_like(t)])
+    trajectory = Trajectory(t=t, p_n=p_n, q_nb_wxyz=np.tile([1.0, 0, 0, 0], (len(t), 1)))
+    write_tum(trajectory, tmp_path / "truth.tum", "ned")
+    write_tum(replace(trajectory, t=t + 1.75e9), tmp_path / "posix.tum", "ned")
+    assert run_main("evaluate", tmp_path / "posix.tum", tmp_path / "truth.tum") == 0
+    told = capsys.readouterr()
+    assert "no score: the estimate covers nothing of the reference" in told.out
+    assert "ate none" not in told.out
+    assert "spans 1750000000.0 to 1750000059.5 s, the reference spans 0.0 to 59.5 s" in told.err
 
 
 @pytest.mark.parametrize("command", ["inspect", "run", "convert"])

@@ -8,6 +8,7 @@ from typing import Any
 
 from gtsam_nav.audit.comparisons import Comparisons, compare, comparison_findings
 from gtsam_nav.audit.courses import BOW
+from gtsam_nav.audit.exchanged import exchanged_findings
 from gtsam_nav.audit.findings import Finding
 from gtsam_nav.audit.heading import HeadingAgainstCourse
 from gtsam_nav.audit.motion import DvlLock, dvl_lock, initial_rest_s, lock_findings
@@ -111,6 +112,8 @@ def audit(mission: Mission) -> Audit:
     # at another time, in another part of the world or stuck it says nothing true of the others
     away = [str(f.sensor) for f in (*stamps, *stuck, *places) if f.severity == "warning"]
     together = mission.without(*away)
+    exchanged = tuple(exchanged_findings(together))
+    together = together.without(*(str(f.sensor) for f in exchanged))
     compared = compare(together)
 
     def findings() -> Iterator[Finding]:
@@ -121,7 +124,7 @@ def audit(mission: Mission) -> Audit:
         for sensor in mission.sensors.values():
             if sensor.type != "reference":
                 yield from repeat_findings(sensor)
-        yield from places
+        yield from (*places, *exchanged)
         for lock in dvls:
             yield from lock_findings(lock)
         yield from comparison_findings(together, compared)
@@ -153,7 +156,7 @@ def _map_findings(
 ) -> Iterator[Finding]:
     """The map's own consistency, where nothing else is wrong with what it is drawn by."""
     compass = compared.compass
-    if head is None or compass is None or compared.suspects_motion:
+    if head is None or head.unit != "rad" or compass is None or compared.suspects_motion:
         return
     velocity = compared.sources[0] if compared.sources[0].name != BOW else None
     sweeps = sweeps_of(sonar, compass, velocity, head.beams_per_sweep)

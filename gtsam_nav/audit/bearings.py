@@ -1,13 +1,14 @@
-"""Bearings of landmarks that count the wrong way: they place each landmark anew as the bow turns.
+"""Bearings that count the wrong way, bearings and ranges in another unit: such sightings place each
+landmark anew as the vehicle moves and turns.
 
 A landmark stands still. Sightings of one, some seconds apart, are placed by the vehicle's own
-motion, with their bearings as stated and reversed.
+motion, with bearings and ranges as stated and as they may be meant.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,10 +26,58 @@ from gtsam_nav.series import IntArray, LandmarkSeries
 NEAR_S = 30.0
 """Over so long dead reckoning is better than what a wrong sign does."""
 FEWEST_PAIRS = 10
+DEG, FULL_TURN = float(np.degrees(1.0)), 2 * np.pi
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How sightings may be meant: what bearings and ranges are multiplied by."""
+
+    check: str
+    name: str
+    bearing: float = 1.0
+    range: float = 1.0
+
+    @property
+    def fix(self) -> str:
+        """What mends it in the sensor's card."""
+        if self.range != 1.0:
+            return fixes.scale("range_m", self.range)
+        return fixes.scale("bearing_deg", self.bearing)
+
+    def is_possible(self, bearing: Array) -> bool:
+        """Whether bearings in that unit reach as far as these do, and no further."""
+        reach = float(np.max(np.abs(bearing)))
+        if abs(self.bearing) > 1.0:
+            return reach * DEG <= FULL_TURN
+        return abs(self.bearing) == 1.0 or reach > FULL_TURN
+
+    def applied(self, sensor: Sensor) -> Sensor:
+        """The sensor with what it means."""
+        series = _seen(sensor)
+        assert series.range_m is not None
+        assert series.bearing is not None
+        meant = replace(
+            series, range_m=self.range * series.range_m, bearing=self.bearing * series.bearing
+        )
+        return replace(sensor, series=meant)
+
+
+READINGS = (
+    Reading("bearing sign", "as stated"),
+    Reading("bearing sign", "reversed: bearings count counter-clockwise", bearing=-1.0),
+    Reading("bearing unit", "with bearings in radians, not in degrees", bearing=DEG),
+    Reading("bearing unit", "with bearings in radians, and counter-clockwise", bearing=-DEG),
+    Reading("bearing unit", "with bearings that were turned into degrees twice", bearing=1 / DEG),
+    Reading("range unit", "with ranges in feet, not in m", range=0.3048),
+    Reading("range unit", "with ranges in cm, not in m", range=1e-2),
+    Reading("range unit", "with ranges in mm, not in m", range=1e-3),
+)
+"""The stated one first."""
 
 
 def bearing_findings(mission: Mission) -> Iterator[Finding]:
-    """Judge the sign of the bearings of each sensor that sees ranges, bearings and ids."""
+    """Judge sign and units of each sensor that sees ranges, bearings and ids."""
     sensors = [s for s in mission.of_type("landmarks") if _sees_all(s)]
     try:
         motion = planar_motion(mission, MotionSettings()) if sensors else None
@@ -43,17 +92,33 @@ def bearing_findings(mission: Mission) -> Iterator[Finding]:
 
 
 def _judged(sensor: Sensor, motion: PlanarMotion, pairs: IntArray) -> Finding:
-    errors = np.array([_moves_m(s, motion, pairs) for s in (sensor, _reversed(sensor))])
-    loss = losses(errors)
-    stated_m, reversed_m = np.median(errors, axis=1)
+    bearing = _seen(sensor).bearing
+    assert bearing is not None
+    readings = [r for r in READINGS if r.is_possible(bearing)]
+    moves_m = np.array([_moves_m(r.applied(sensor), motion, pairs) for r in readings])
+    # in the unit that is read: else a unit so small that nothing moves would explain all
+    loss = losses(moves_m / np.array([[r.range] for r in readings]))
+    chosen = _meant(loss, [r.check for r in readings])
+    stated_m, meant_m = np.median(moves_m[[0, chosen]], axis=1)
     read = f"{len(pairs)} pairs of sightings lie {stated_m:.2f} m apart in the median"
-    if prefers(loss[0], loss[1]):
-        message = f"{read}, and {reversed_m:.2f} m with reversed bearings: counter-clockwise"
-        fix = fixes.scale("bearing_deg", -1)
-        return Finding("bearing sign", sensor.name, "warning", message, fix)
+    if chosen:
+        reading = readings[chosen]
+        message = f"{read}, and {meant_m:.2f} m {reading.name}"
+        return Finding(reading.check, sensor.name, "warning", message, reading.fix)
     if prefers(loss[1], loss[0]):
         return Finding("bearing sign", sensor.name, "ok", read)
     return Finding("bearing sign", sensor.name, "ok", f"{read}; the sign shows in none")
+
+
+def _meant(loss: Array, checks: list[str]) -> int:
+    """The reading that the data call for; sign and each unit are questions by themselves."""
+    found = [0]
+    for question in dict.fromkeys(checks):
+        asked = [k for k, check in enumerate(checks) if k and check == question]
+        winner = min(asked, key=lambda k: float(np.mean(loss[k])))
+        if prefers(loss[0], loss[winner], len(asked)):
+            found.append(winner)
+    return min(found, key=lambda k: float(np.mean(loss[k])))
 
 
 def _seen(sensor: Sensor) -> LandmarkSeries:
@@ -65,12 +130,6 @@ def _sees_all(sensor: Sensor) -> bool:
     series = _seen(sensor)
     measured = series.range_m is not None and series.bearing is not None
     return measured and bool(np.any(series.id >= 0))
-
-
-def _reversed(sensor: Sensor) -> Sensor:
-    series = _seen(sensor)
-    assert series.bearing is not None
-    return replace(sensor, series=replace(series, bearing=-series.bearing))
 
 
 def _pairs(sensor: Sensor) -> IntArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,6 +11,8 @@ from gtsam_nav.audit.agreement import Lag, Signal
 from gtsam_nav.audit.antenna import AntennaFit, antenna_fit, lever_findings, steady_yaw
 from gtsam_nav.audit.bearings import bearing_findings
 from gtsam_nav.audit.clocks import ClockPair, clock_findings
+from gtsam_nav.audit.compass_unit import compasses_in_radians, taken_for_radians
+from gtsam_nav.audit.compasses import compass_findings
 from gtsam_nav.audit.courses import (
     BOW,
     Baselines,
@@ -35,6 +37,7 @@ from gtsam_nav.audit.heading import (
     mirrored_fixes,
 )
 from gtsam_nav.audit.inertial import inertial_findings, z_is_up
+from gtsam_nav.audit.ranges import range_findings
 from gtsam_nav.audit.receiver import velocity_findings
 from gtsam_nav.audit.speeds import (
     SpeedPair,
@@ -48,14 +51,12 @@ from gtsam_nav.audit.tilt import TiltPair, tilt_findings, tilt_pairs
 from gtsam_nav.audit.turns import (
     TurnPair,
     Turns,
-    compasses_in_radians,
-    in_radians,
     turn_findings,
     turn_pairs,
     turns_of,
     wrong_signs,
 )
-from gtsam_nav.audit.vertical import VerticalPair, vertical_findings, vertical_pairs
+from gtsam_nav.audit.vertical import VerticalPair, reversed_heave, vertical_findings, vertical_pairs
 from gtsam_nav.mission import Mission
 from gtsam_nav.sensors.noise import DvlNoise, HeadingNoise, OdometryNoise
 from gtsam_nav.series import HeadingSeries
@@ -73,6 +74,8 @@ class Comparisons:
     gnss : tuple of Finding
         What the receivers' velocities say of their fixes.
     turns, turn_pairs : what saw turns, and how each two agree
+    radians : dict of str to str
+        Compasses in radians, and what tells it.
     compass : HeadingSeries or None
         The first one, declination applied and radians put right.
     sources : tuple of Velocity
@@ -95,6 +98,7 @@ class Comparisons:
     gnss: tuple[Finding, ...]
     turns: dict[str, Turns]
     turn_pairs: tuple[TurnPair, ...]
+    radians: dict[str, str]
     compass: HeadingSeries | None
     sources: tuple[Velocity, ...]
     ways: Baselines | None
@@ -131,8 +135,9 @@ def compare(mission: Mission) -> Comparisons:
     distrusted = {f.sensor for f in gnss if f.severity == "warning"}
     turns = {name: t for name, t in turns_of(mission).items() if name not in distrusted}
     pairs = turn_pairs(turns)
-    compass = _compass_as_meant(mission, compasses_in_radians(turns, pairs))
     sources = velocity_sources(mission)
+    radians = compasses_in_radians(mission, pairs, sources)
+    compass = _compass_as_meant(mission, radians)
     ways = baselines(mission, compass)
     directions = direction_pairs(sources, ways, _stated_deg(mission))
     blame = direction_blame(directions)
@@ -155,6 +160,7 @@ def compare(mission: Mission) -> Comparisons:
         gnss=gnss,
         turns=turns,
         turn_pairs=pairs,
+        radians=radians,
         compass=compass,
         sources=sources,
         ways=ways,
@@ -179,17 +185,25 @@ def comparison_findings(mission: Mission, c: Comparisons) -> Iterator[Finding]:
         upside_down |= z_is_up(imu)
     # velocities that contradict fixes which are mirrored themselves are sound
     yield from (f for f in c.gnss if f.sensor != c.mirrored_gnss)
-    yield from turn_findings(c.turns, c.turn_pairs, c.wrong_sign)
+    yield from turn_findings(c.turns, c.turn_pairs, c.wrong_sign, c.radians)
+    yield from compass_findings(mission, c.radians)
     if c.course is not None:
         yield from _course_findings(c.course, _stated_deg(mission)[TRACK], c)
-    yield from direction_findings(c.sources, c.ways, c.directions, c.blame)
+    heave = reversed_heave(mission, c.vertical, upside_down)
+    told_z = {name for p in c.vertical for name in p.pair}
+    untold = {dvl.name for dvl in mission.of_type("dvl")} - told_z
+    directions = list(direction_findings(c.sources, c.ways, c.directions, c.blame, heave, untold))
+    yield from directions
     for dvl in mission.of_type("dvl"):
         yield from implausible_findings(mission, dvl)
     yield from speed_findings(mission, c.speeds, c.wrong_scale)
-    yield from vertical_findings(mission, c.vertical, upside_down)
+    told = {f.sensor for f in directions if f.check == "velocity axes"}
+    yield from vertical_findings(mission, {n: r for n, r in heave.items() if n not in told})
     yield from tilt_findings(c.tilts)
     if not c.suspects_motion:
         yield from bearing_findings(mission)
+        if c.sources[0].name != BOW:
+            yield from range_findings(mission, c.sources[0])
     for name, fit in c.antennas.items():
         yield from lever_findings(mission.sensors[name], fit)
     timed = [s.name for s in mission.sensors.values() if s.type in TIMED and len(s.series) > 1]
@@ -235,12 +249,10 @@ def _wrong_signs(
 
 def _compass_as_meant(mission: Mission, radians: Collection[str]) -> HeadingSeries | None:
     """Headings of the first compass, those in radians put right."""
-    compass, sensor = compass_series(mission), mission.first("heading")
-    if compass is None or sensor is None:
-        return None
-    if sensor.name in radians or in_radians(compass):
-        return replace(compass, heading=np.degrees(compass.heading))
-    return compass
+    sensor = mission.first("heading")
+    if sensor is None or sensor.name not in radians:
+        return compass_series(mission)
+    return compass_series(mission.with_sensor(taken_for_radians(sensor)))
 
 
 def _gyro(turns: dict[str, Turns], pairs: tuple[TurnPair, ...]) -> Signal | None:

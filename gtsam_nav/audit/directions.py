@@ -7,7 +7,7 @@ other sensors agree.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, permutations, product
 
@@ -178,8 +178,22 @@ def direction_findings(
     ways: Baselines | None,
     pairs: Sequence[DirectionPair],
     blame: DirectionBlame,
+    heave: Mapping[str, str],
+    untold: Collection[str],
 ) -> Iterator[Finding]:
-    """Judge axes and alignment of each source of velocity but the bow."""
+    """Judge axes and alignment of each source of velocity but the bow.
+
+    Parameters
+    ----------
+    sources : sequence of Velocity
+    ways : Baselines or None
+    pairs : sequence of DirectionPair
+    blame : DirectionBlame
+    heave : mapping of str to str
+        Who goes up where others go down, and how that was read.
+    untold : collection of str
+        Whose z nothing tells.
+    """
     for source in sources:
         own = [p for p in pairs if source.name in p.pair and BOW not in p.pair] or [
             p for p in pairs if source.name in p.pair
@@ -190,8 +204,13 @@ def direction_findings(
         other = pair.b if pair.a == source.name else pair.a
         sign = 1.0 if pair.a == source.name else -1.0
         read = f"goes {sign * pair.offset_deg:+.1f} deg clockwise of {other}"
-        if source.name in blame.quarters:
-            yield _wrong_axes(source, ways, pair, read, _or_else(source.name, blame.quarters))
+        or_else = _or_else(source.name, blame.quarters)
+        if source.name in heave:
+            read = f"{read}, and {heave[source.name]}"
+            yield _upside_down(source, ways, pair, read, source.name in blame.quarters, or_else)
+        elif source.name in blame.quarters:
+            z_is_told = source.name not in untold
+            yield _wrong_axes(source, ways, pair, read, or_else, z_is_told=z_is_told)
         elif source.name in blame.offsets and abs(pair.offset_deg) > pair.limit_deg:
             explained = f"noise and the stated spreads explain {pair.limit_deg:.1f} deg"
             message = f"{read}; {explained}{_or_else(source.name, blame.offsets)}"
@@ -207,9 +226,70 @@ def _or_else(name: str, suspected: tuple[str, ...]) -> str:
 
 
 def _wrong_axes(
-    source: Velocity, ways: Baselines | None, pair: DirectionPair, read: str, or_else: str
+    source: Velocity,
+    ways: Baselines | None,
+    pair: DirectionPair,
+    read: str,
+    or_else: str,
+    *,
+    z_is_told: bool,
 ) -> Finding:
     """What the columns of a sensor that goes in the wrong quarter may be."""
+    choices = [k for k in _likely_axes(source, ways, pair) if k]
+    told = [AXES[k][:2] for k in choices]
+    if not z_is_told:
+        told += [_on_its_back(source, k) for k in choices if _is_reflection(k)]
+    return _axes_finding(source, read, told, or_else)
+
+
+def _upside_down(
+    source: Velocity,
+    ways: Baselines | None,
+    pair: DirectionPair,
+    read: str,
+    wrong_quarter: bool,
+    or_else: str,
+) -> Finding:
+    """Of a sensor whose z is reversed: one turn of the instrument, or columns by themselves.
+
+    A reflection of the horizontal axes makes of a reversed z an instrument that lies on its back.
+    """
+    choices = [k for k in _likely_axes(source, ways, pair) if k or not wrong_quarter]
+    told = [_on_its_back(source, k) for k in choices if _is_reflection(k)]
+    if not (wrong_quarter and told):
+        told = [_columns(k) for k in choices if not _is_reflection(k)] + told
+    return _axes_finding(source, read, told, or_else)
+
+
+def _axes_finding(
+    source: Velocity, read: str, told: Sequence[tuple[str, str]], or_else: str
+) -> Finding:
+    """With several things that may be odd, and what mends each."""
+    names, lines = zip(*told, strict=True)
+    message = f"{read}: {', or '.join(dict.fromkeys(names))}{or_else}"
+    return Finding("velocity axes", source.name, "warning", message, ", or ".join(lines))
+
+
+def _is_reflection(k: int) -> bool:
+    return bool(np.linalg.det(AXES[k][2]) < 0)
+
+
+def _on_its_back(source: Velocity, k: int) -> tuple[str, str]:
+    """What is odd, and what mends it, where z is reversed with a reflection of the other two."""
+    R_bs = source.R_bs @ AXES[k][2] @ np.diag([1.0, 1.0, -1.0])
+    return "mounted upside down", fixes.mounting(R_bs)
+
+
+def _columns(k: int) -> tuple[str, str]:
+    """What is odd, and what mends it, where z is reversed beside a reading of the others."""
+    name, line, _ = AXES[k]
+    return " and ".join(filter(None, (name, "vz reversed"))), ", ".join(
+        filter(None, (line, fixes.scale("vz", -1)))
+    )
+
+
+def _likely_axes(source: Velocity, ways: Baselines | None, pair: DirectionPair) -> list[int]:
+    """The readings of the axes that the data cannot tell from the best one."""
     if ways is not None and pair.b == TRACK:
         heading = np.unwrap(ways.compass.heading)
         covered = ways.covered(source)
@@ -223,7 +303,4 @@ def _wrong_axes(
         sign = 1.0 if pair.a == source.name else -1.0
         errors = wrap_angle(sign * pair.errors + (turn - turn[0])[:, None])
     loss = losses(errors)
-    choices = [k for k in tied(loss, int(np.argmin(loss.mean(axis=1)))) if k]
-    names = ", or ".join(AXES[k][0] for k in choices)
-    fix = ", or ".join(AXES[k][1] for k in choices)
-    return Finding("velocity axes", source.name, "warning", f"{read}: {names}{or_else}", fix)
+    return tied(loss, int(np.argmin(loss.mean(axis=1))))

@@ -26,6 +26,7 @@ EXCHANGED_DEGREES = columns({"lat_deg": "lon_deg", "lon_deg": "lat_deg"})
 def mounting(R_bs: Array) -> str:
     """Mount the sensor so."""
     rpy_deg = np.round(np.degrees(rpy_from_rotation(R_bs)), 1) + 0.0
+    rpy_deg[rpy_deg == -180.0] = 180.0
     return f"rpy_deg: [{', '.join(f'{angle:g}' for angle in rpy_deg)}]"
 
 

@@ -168,7 +168,10 @@ def heading_findings(
         yield warning(f"{read}; the heading does not follow the course", "")
     elif not convention.is_stated:
         message = f"{read}, if the headings count {convention.name}, which they seem to{or_else}"
-        yield warning(message, convention.fix)
+        fix = convention.fix
+        if course.gnss in blamed:
+            fix += f", or in that of {course.gnss}: {convention.fix_of_fixes}"
+        yield warning(message, fix)
     elif abs(course.median_deg) > limit_deg:
         message = f"{read}; noise and the stated biases explain {limit_deg:.1f} deg{or_else}"
         fix = f"noise: {{declination_deg: {-course.median_deg:+.1f}}} (added to what it has)"

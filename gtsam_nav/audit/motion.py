@@ -11,10 +11,11 @@ from gtsam_nav.audit.findings import Finding, Severity
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.rest import initial_rest
-from gtsam_nav.series import DvlSeries, OdometrySeries
+from gtsam_nav.series import DvlSeries, OdometrySeries, Series
 
-REST_SPEED_M_S = 0.03
-REST_WINDOW_S = 10.0
+REST_SPEED_M_S, REST_SIGMA_M_S = 0.03, 0.005
+"""What counts as motion, and how well a window's median must tell it."""
+SHORTEST_WINDOW_S, LONGEST_WINDOW_S = 1.0, 10.0
 
 
 @dataclass(frozen=True)
@@ -75,24 +76,40 @@ def initial_rest_s(mission: Mission) -> float | None:
     velocity, imu = velocity_sensor(mission), mission.first("imu")
     ends = []
     if velocity is not None:
-        begins = np.arange(start_s, stop_s, REST_WINDOW_S)
-        moving = [begin for begin in begins if _median_speed(velocity, begin) > REST_SPEED_M_S]
-        ends.append(moving[0] if moving else stop_s)
+        window_s = _window_s(velocity)
+        begins = np.arange(start_s, stop_s, window_s)
+        moving = (b for b in begins if _median_speed(velocity, b, window_s) > REST_SPEED_M_S)
+        ends.append(next(moving, stop_s))
     if imu is not None:
         rest = initial_rest(imu)
         ends.append(start_s if rest is None else float(rest.spells.t[-1]))
     return min(ends) - start_s if ends else None
 
 
-def _median_speed(velocity: Sensor, begin: float) -> float:
+def _window_s(velocity: Sensor) -> float:
+    """What a window takes for a median as good as `REST_SIGMA_M_S`, by the samples' scatter."""
+    t, v = _velocities(velocity.series)
+    if len(t) < 3:
+        return LONGEST_WINDOW_S
+    noise_m_s = 1.4826 * float(np.max(np.median(np.abs(np.diff(v, axis=0)), axis=0))) / np.sqrt(2)
+    n_needed = (1.2533 * noise_m_s / REST_SIGMA_M_S) ** 2
+    needed_s = n_needed * float(np.median(np.diff(t)))
+    return float(np.clip(needed_s, SHORTEST_WINDOW_S, LONGEST_WINDOW_S))
+
+
+def _median_speed(velocity: Sensor, begin: float, window_s: float) -> float:
     """Median speed over a window, m/s; infinite where the sensor is silent."""
-    series = velocity.series.crop(begin, begin + REST_WINDOW_S)
-    if isinstance(series, DvlSeries):
-        v = series.v_d[series.valid & series.bottom_lock]
-    else:
-        assert isinstance(series, OdometrySeries)
-        v = series.v_b
+    _, v = _velocities(velocity.series.crop(begin, begin + window_s))
     return float(np.linalg.norm(np.median(v, axis=0))) if len(v) else np.inf
+
+
+def _velocities(series: Series) -> tuple[Array, Array]:
+    """Times (n,), and velocities over ground (n, 2 or 3)."""
+    if isinstance(series, DvlSeries):
+        locked = series.valid & series.bottom_lock
+        return series.t[locked], series.v_d[locked]
+    assert isinstance(series, OdometrySeries)
+    return series.t, series.v_b
 
 
 def turned(v_b: Array, heading: Array) -> Array:

@@ -12,6 +12,11 @@ from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.mission import Sensor
 from gtsam_nav.series import BeamSeries
 
+COARSEST_STEP_DEG = 12.0
+"""No head turns by more between two beams; the finest step of 0.225 deg, read as rad, is larger."""
+LONGEST_RANGE_M = 2000.0
+"""No sonar that scans sees further."""
+
 
 @dataclass(frozen=True)
 class SonarHead:
@@ -31,6 +36,10 @@ class SonarHead:
     n_sweeps : float
     silent_share : float
         Share of the beams without any echo.
+    range_m : float
+        Of the last bin.
+    unit : {"rad", "degrees", "gradians"}
+        Of the angles, as far as no head takes the steps that they would be in rad.
     """
 
     name: str
@@ -41,6 +50,8 @@ class SonarHead:
     beams_per_sweep: int
     n_sweeps: float
     silent_share: float
+    range_m: float
+    unit: str
 
 
 def sonar_head(sonar: Sensor) -> SonarHead | None:
@@ -63,6 +74,8 @@ def sonar_head(sonar: Sensor) -> SonarHead | None:
         beams_per_sweep=beams_per_sweep,
         n_sweeps=len(series) / beams_per_sweep,
         silent_share=float(np.mean(~np.any(series.intensity, axis=1))),
+        range_m=series.resolution_m * series.intensity.shape[1],
+        unit=_unit(series.angle),
     )
 
 
@@ -71,16 +84,30 @@ def sonar_findings(name: str, head: SonarHead | None) -> Iterator[Finding]:
     if head is None:
         yield Finding("sonar head", name, "warning", "the head angle never changes")
         return
+    if head.unit != "rad":
+        message = f"the angles are in {head.unit}, not in rad: no head turns by so much a beam"
+        yield Finding("sonar angle unit", name, "warning", message)
+        return
     way = "full turns" if head.sector_deg == 360.0 else f"a sector of {head.sector_deg:.0f} deg"
     direction = "clockwise" if head.clockwise_share > 0.5 else "counter-clockwise"
     read = (
         f"{way} in steps of {head.step_deg:.2f} deg, {head.beams_per_sweep} beams a sweep, "
-        f"{direction}, {head.n_reversals} reversals"
+        f"{direction}, {head.n_reversals} reversals, echoes to {head.range_m:g} m"
     )
     yield Finding("sonar head", name, "ok", read)
+    if head.range_m > LONGEST_RANGE_M:
+        message = f"its bins reach to {head.range_m:g} m: their resolution is not in m"
+        yield Finding("sonar range", name, "warning", message)
     if head.silent_share > 0.2:
         message = f"{head.silent_share:.0%} of the beams hold no echo at all"
         yield Finding("sonar echoes", name, "warning", message)
+
+
+def _unit(angle: Array) -> str:
+    """What the angles are in, by their steps and by how far they reach."""
+    if np.median(np.abs(np.diff(angle))) < np.radians(COARSEST_STEP_DEG):
+        return "rad"
+    return "degrees" if np.max(np.abs(angle)) <= 360.0 else "gradians"
 
 
 def _sector(angle: Array, step: float) -> float:

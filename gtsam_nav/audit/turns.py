@@ -6,7 +6,7 @@ compared; what one of them has in another unit or direction than all the others 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -132,35 +132,35 @@ def wrong_signs(
 
 
 def turn_findings(
-    turns: dict[str, Turns], pairs: tuple[TurnPair, ...], wrong_sign: tuple[str, ...]
+    turns: dict[str, Turns],
+    pairs: tuple[TurnPair, ...],
+    wrong_sign: tuple[str, ...],
+    radians: Mapping[str, str],
 ) -> Iterator[Finding]:
-    """Judge units and signs of gyros, compasses and odometry."""
-    wrong_unit, radians = _wrong_units(pairs), compasses_in_radians(turns, pairs)
-    compass_is_to_blame = bool(radians & wrong_unit)
+    """Judge units and signs of gyros, compasses and odometry.
+
+    Parameters
+    ----------
+    turns : dict of str to Turns
+    pairs : tuple of TurnPair
+    wrong_sign : tuple of str
+    radians : mapping of str to str
+        Compasses in radians, and what tells it.
+    """
+    wrong_unit = wrong_units(pairs)
+    compass_is_to_blame = bool(radians.keys() & wrong_unit)
     for name, turned in turns.items():
         own = [p for p in pairs if name in p.pair]
         unit = name in wrong_unit and not compass_is_to_blame
         if turned.sensor.type == "imu":
             yield from _gyro(turned.sensor, own, unit, wrong_sign)
         elif turned.sensor.type == "heading":
-            yield from _compass(turned.sensor, own, name in radians, wrong_sign)
+            yield from _compass(turned.sensor, own, radians.get(name), wrong_sign)
         elif turned.sensor.type == "odometry":
             yield from _odometry(name, own, unit, wrong_sign)
 
 
-def compasses_in_radians(turns: dict[str, Turns], pairs: tuple[TurnPair, ...]) -> set[str]:
-    """Compasses whose turns tell that their headings are in radians."""
-    wrong_unit, found = _wrong_units(pairs), set()
-    for name, turned in turns.items():
-        if isinstance(turned.sensor.series, HeadingSeries):
-            own = [p for p in pairs if name in p.pair]
-            narrow = name in wrong_unit and is_narrow(turned.sensor.series)
-            if narrow or in_radians_by(turned.sensor, own):
-                found.add(name)
-    return found
-
-
-def _wrong_units(pairs: tuple[TurnPair, ...]) -> set[str]:
+def wrong_units(pairs: tuple[TurnPair, ...]) -> set[str]:
     """Who turns in another unit than all others."""
     alike = [p.pair for p in pairs if p.unit == 1.0]
     return {*suspects([p.pair for p in pairs if p.unit != 1.0], alike)}
@@ -232,21 +232,13 @@ def _sign_fix(imu: Sensor) -> str:
     return fixes.scale(("gx", "gy", "gz")[int(np.argmax(np.abs(imu.R_bs[2])))], -1)
 
 
-def in_radians_by(compass: Sensor, own: list[TurnPair]) -> bool:
-    """Whether headings that wrap as radians do turn as others do once they are taken for such."""
-    series = compass.series
-    assert isinstance(series, HeadingSeries)
-    return in_radians(series) and any(p.unit == 1.0 for p in own)
-
-
 def _compass(
-    compass: Sensor, own: list[TurnPair], radians: bool, wrong_sign: tuple[str, ...]
+    compass: Sensor, own: list[TurnPair], radians: str | None, wrong_sign: tuple[str, ...]
 ) -> Iterator[Finding]:
     name = compass.name
     alike, opposed = (_others(name, own, opposed=flag) for flag in (False, True))
-    if radians:
-        others = " and ".join(filter(None, (alike, opposed)))
-        message = f"the headings are in radians, not in degrees: then they turn as {others} do"
+    if radians is not None:
+        message = f"the headings are in radians, not in degrees: {radians}"
         fix = fixes.scale("heading_deg", DEG)
         yield Finding("heading unit", name, "warning", message, fix)
     elif name in wrong_sign and opposed:

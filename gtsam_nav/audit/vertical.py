@@ -5,7 +5,7 @@ Waves show in all three: as velocity, as its integral, as its derivative.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -72,10 +72,10 @@ def _depth(sensor: Sensor) -> Signal:
     return integrated(velocity.t, velocity.values) if len(velocity.t) > 1 else velocity
 
 
-def vertical_findings(
+def reversed_heave(
     mission: Mission, pairs: tuple[VerticalPair, ...], upside_down: bool
-) -> Iterator[Finding]:
-    """Judge the signs of a DVL's z and of a depth.
+) -> dict[str, str]:
+    """DVL and depth gauge that go up where the others go down, and how that was read.
 
     Parameters
     ----------
@@ -90,15 +90,32 @@ def vertical_findings(
         [p.pair for p in counted if p.agreement.gain < 0],
         [p.pair for p in counted if p.agreement.gain > 0],
     )
+    found = {}
+    for sensor in filter(None, (mission.first("dvl"), mission.first("depth"))):
+        if sensor.name in wrong:
+            others = [p.x if p.y == sensor.name else p.y for p in counted if sensor.name in p.pair]
+            goes = "goes" if len(others) == 1 else "go"
+            found[sensor.name] = f"goes up where {' and '.join(others)} {goes} down"
+    return found
+
+
+def vertical_findings(mission: Mission, heave: Mapping[str, str]) -> Iterator[Finding]:
+    """Judge the signs of a DVL's z and of a depth.
+
+    Parameters
+    ----------
+    mission : Mission
+    heave : mapping of str to str
+        What `reversed_heave` found, but for what is told elsewhere.
+    """
     for kind, column, check in (("dvl", "vz", "velocity axes"), ("depth", "depth_m", "depth sign")):
         sensor = mission.first(kind)
         if sensor is None:
             continue
-        if sensor.name not in wrong:
+        if sensor.name not in heave:
             yield from _above_the_water(sensor)
             continue
-        others = [p.x if p.y == sensor.name else p.y for p in counted if sensor.name in p.pair]
-        message = f"goes up where {' and '.join(others)} goes down: {column} reversed"
+        message = f"{heave[sensor.name]}: {column} reversed"
         yield Finding(check, sensor.name, "warning", message, fixes.scale(column, -1))
 
 

@@ -49,7 +49,8 @@ class LoopCounts:
 
 
 WHY_NONE = {
-    "none": "the estimate is in a local frame, not in the reference's",
+    "none": "the estimate is in a local frame, not in the reference's: fixes, or the mission's"
+    " 'initial' position and heading, would tie it to that",
     "start": "the reference never leaves its first 30 m",
     "se2": "the reference has too few points apart",
     "se3": "the reference has too few points apart",
@@ -116,6 +117,8 @@ class TrajectoryMetrics:
     def _lines(self) -> list[str]:
         if self.coverage is None:
             return []
+        if self.coverage == 0.0 and self.ate == AbsoluteErrors():
+            return ["no score: the estimate covers nothing of the reference"]
         lines = []
         for name in ALIGNMENTS:
             e: ErrorStatistics | None = getattr(self.ate, name)

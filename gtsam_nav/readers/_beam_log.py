@@ -34,7 +34,7 @@ class _Block:
     """Beams of a run of whole lines.
 
     ``refused`` marks beams with an echo outside 0..255; ``fault`` is the number, inside the block,
-    of the first line that is malformed, and ``is_short`` says that it merely lacks something.
+    of the first line that is malformed, and ``ends_so`` says that no other follows it.
     """
 
     n_lines: int
@@ -43,7 +43,7 @@ class _Block:
     intensity: NDArray[np.uint8]
     refused: BoolArray
     fault: int | None = None
-    is_short: bool = False
+    ends_so: bool = False
     fault_stamp: float = np.nan
 
 
@@ -55,7 +55,7 @@ def read_beams(
     Raises
     ------
     DataError
-        Where the file is missing or a line is malformed. A last line that was cut off is rejected.
+        Where the file is missing or a line is malformed. A last line that is damaged is rejected.
     """
     texts = _whole_lines(path, progress)
     leading, n_bins = [b""], 0
@@ -183,9 +183,7 @@ def _parse_lines(lines: list[bytes], n_bins: int) -> _Block:
         intensity=np.where(outside, 0, wide).astype(np.uint8),
         refused=np.any(outside, axis=1),
         fault=fault,
-        is_short=fault is not None
-        and not any(_is_beam(line) for line in lines[fault + 1 :])
-        and (len(fields) < len(LEADING) + n_bins or n_bins == 0),
+        ends_so=fault is not None and not any(_is_beam(line) for line in lines[fault + 1 :]),
         fault_stamp=_stamp(fields),
     )
 
@@ -199,12 +197,14 @@ def _stamp(fields: list[bytes]) -> float:
 
 
 def _check(blocks: list[_Block], n_bins: int, path: Path) -> float | None:
-    """The stamp of a last line that was cut off; any other malformed line is an error."""
+    """The stamp of a last line that is damaged; any other malformed line is an error."""
     line = 1
+    # the only line may be cut short, but one that is otherwise odd tells of another format
+    bearable = n_bins == 0 or any(len(block.t) for block in blocks)
     for k, block in enumerate(blocks):
         if block.fault is not None:
             followed = any(len(later.t) or later.fault is not None for later in blocks[k + 1 :])
-            if block.is_short and not followed:
+            if bearable and block.ends_so and not followed:
                 return block.fault_stamp
             raise DataError(
                 f"malformed beam; needed are {', '.join(LEADING)} and {n_bins} bins of 0 to 255",

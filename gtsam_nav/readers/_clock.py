@@ -16,6 +16,9 @@ from gtsam_nav.series import BoolArray
 
 log = logging.getLogger(__name__)
 
+EARLIEST_UTC = 3e8
+"""No log of sensors is older than 1979."""
+
 
 def on_mission_time(mission: Mission, offsets_s: Mapping[str, float]) -> Mission:
     """Move a mission whose times are its files' stamps to mission time.
@@ -42,7 +45,11 @@ def on_mission_time(mission: Mission, offsets_s: Mapping[str, float]) -> Mission
     first = [float(s.series.t[0]) for s in mission.sensors.values()]
     zero = min(first if mission.edges is None else [*first, mission.edges.span_s[0]])
     mission = _shifted(mission, dict.fromkeys(offsets_s, -zero))
-    warnings = (*mission.warnings, *_warnings_of(mission.sensors.values()))
+    warnings = (
+        *mission.warnings,
+        *_warnings_of(mission.sensors.values()),
+        *_doubled_epoch(mission.start_utc, zero),
+    )
     for warning in warnings:
         log.warning("%s: %s", mission.name, warning)
     start_utc = None if mission.start_utc is None else mission.start_utc + zero
@@ -130,6 +137,16 @@ def _warnings_of(sensors: Iterable[Sensor]) -> list[str]:
             kind = "sonar" if sensor.type in ("beams", "scans") else sensor.type
             found.append(f"simulated {kind}: the samples of sensor '{sensor.name}' are synthetic")
     return found
+
+
+def _doubled_epoch(start_utc: float | None, zero: float) -> list[str]:
+    """Whether stamps that are POSIX seconds themselves are counted from a start in our days."""
+    if start_utc is None or min(start_utc, zero) < EARLIEST_UTC:
+        return []
+    return [
+        f"start_utc, {start_utc:.0f}, is the UTC of stamp zero, but stamps begin at {zero:.0f} s:"
+        " where they are POSIX seconds themselves, start_utc is 0"
+    ]
 
 
 def _why_not(mission: Mission) -> str:

@@ -12,6 +12,13 @@ from gtsam_nav.mission import Rejection
 from gtsam_nav.preprocess.cleaning import screen, tidy
 from gtsam_nav.series import BoolArray, GnssSeries
 
+OFF_THE_GLOBE = "latitude or longitude out of range"
+OFF_THE_GLOBE_MENDED = (
+    "; where they are exchanged, columns: {lat_deg: lon_deg, lon_deg: lat_deg} mends it, where they"
+    " are in 1e-7 deg, scale: {lat_deg: 1.0e-7, lon_deg: 1.0e-7}"
+)
+"""What a card says where all fixes are off the globe."""
+
 
 @dataclass(frozen=True)
 class Fixes:
@@ -38,7 +45,7 @@ class Fixes:
         return {
             **self.unread,
             "no fix": null_island if self.has_fix is None else null_island | ~self.has_fix,
-            "latitude or longitude out of range": (np.abs(lat) > 90) | (lon < -180) | (lon > 360),
+            OFF_THE_GLOBE: (np.abs(lat) > 90) | (lon < -180) | (lon > 360),
         }
 
     def first_usable(self, height_m: float | None = None) -> Origin | None:

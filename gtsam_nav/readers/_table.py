@@ -18,13 +18,15 @@ from gtsam_nav.readers._text import TRUNCATED, parse_rows, read_lines
 class Table:
     """The columns of a CSV file that somebody asked for.
 
-    ``unknown`` names the others; ``cut_stamp`` is the first field of a last line that was cut off.
+    ``unknown`` names the others; ``cut_stamp`` is the first field of a last line that is damaged,
+    ``cut_line`` its number.
     """
 
     path: Path
     columns: Mapping[str, Array]
     unknown: tuple[str, ...] = ()
     cut_stamp: float | None = None
+    cut_line: int | None = None
 
     def has(self, names: Sequence[str]) -> bool:
         """Whether all of these columns are there."""
@@ -108,11 +110,17 @@ def read_table(
         for k, name in enumerate(names)
         if name in wanted
     }
-    return Table(path, columns, unknown, rows.cut_stamp)
+    # a comma at the end of each line makes a column without a name
+    unknown = tuple(filter(None, unknown))
+    return Table(path, columns, unknown, rows.cut_stamp, rows.cut_line)
 
 
 def _hint(names: list[str], missing: str) -> str:
     """What is probably wrong with a header that lacks a column."""
+    if names[0].startswith(("#", "%")):
+        return ": the first line must be the header, and no comment"
+    if all(_is_number(name) for name in names):
+        return ": these are numbers, a header is missing"
     if any(mark in name for name in names for mark in ";\t"):
         return ": the fields must be separated by commas"
     if f'"{missing}"' in names:
@@ -120,6 +128,14 @@ def _hint(names: list[str], missing: str) -> str:
     if missing in [name.lower() for name in names]:
         return ": capitals are other letters"
     return ""
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _own_names(header: list[str], renamed: Mapping[str, str], path: Path) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bz2
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, islice
 from pathlib import Path
@@ -39,8 +39,10 @@ class Rows:
     values : ndarray, shape (n, k)
         An empty field is NaN.
     cut_stamp : float or None
-        First field of a last line that was cut off (NaN where even that is missing); None where
-        the file is whole.
+        First field of a last line that was cut off or is otherwise damaged, as a loss of power
+        leaves it (NaN where even that is missing); None where the file is whole.
+    cut_line : int or None
+        One-based number of that line in its file.
     begins_cut : bool
         Whether the first line lacks its beginning; its row is then NaN.
     """
@@ -48,6 +50,7 @@ class Rows:
     values: Array
     cut_stamp: float | None = None
     begins_cut: bool = False
+    cut_line: int | None = None
 
     @property
     def first_cut(self) -> dict[str, BoolArray]:
@@ -160,12 +163,34 @@ def stream_lines(path: Path) -> Iterator[tuple[str, float]]:
 
 
 def read_lines(path: Path, encoding: str = "utf-8-sig") -> list[str]:
-    """The lines of a text file; the last is empty where the file ends with a line break."""
+    """The lines of a text file; the last is empty where the file ends with a line break.
+
+    Bytes at the file's end that are no text are one line, and are replaced: it will not be
+    understood.
+
+    Raises
+    ------
+    DataError
+        Where the file cannot be read, or holds what is no text before its end.
+    """
+    data = read_bytes(path)
     try:
-        text = read_bytes(path).decode(encoding)
+        text = data.decode(encoding)
     except UnicodeDecodeError as error:
-        raise DataError(f"is not {encoding.removesuffix('-sig')} text: {error}", path) from error
+        begin = data.rfind(b"\n", 0, error.start) + 1
+        later = data[error.start :].split(b"\n")[1:]
+        if begin == 0 or any(_is_text(line) for line in later):
+            what = f"is not {encoding.removesuffix('-sig')} text: {error}"
+            raise DataError(what, path, data.count(b"\n", 0, begin) + 1) from error
+        damaged = data[begin:].replace(b"\n", b" ").decode("ascii", "replace")
+        text = data[:begin].decode(encoding) + damaged
     return text.replace("\r\n", "\n").split("\n")
+
+
+def _is_text(line: bytes) -> bool:
+    """Whether a line holds characters, and no others than those."""
+    content = line.strip()
+    return bool(content) and content.isascii() and content.decode("ascii").isprintable()
 
 
 def parse_rows(
@@ -202,7 +227,8 @@ def parse_rows(
     Raises
     ------
     DataError
-        Where a line is malformed. A last line that was cut off is reported in the result instead.
+        Where a line is malformed. A last line that is, of several, is reported in the result
+        instead.
     """
     if not any(line.strip() for line in lines):
         return Rows(np.empty((0, len(names))))
@@ -225,7 +251,7 @@ def parse_rows(
     rows = _parse_one_by_one(lines, path, names, fields, delimiter, first_line)
     if begins_cut:
         head = np.full((1, len(names)), np.nan)
-        return Rows(np.concatenate([head, rows.values]), rows.cut_stamp, begins_cut=True)
+        return replace(rows, values=np.concatenate([head, rows.values]), begins_cut=True)
     return rows
 
 
@@ -280,35 +306,38 @@ def _parse_one_by_one(
     rows: list[list[float]] = []
     for k in filled:
         texts = lines[k].split(delimiter)
-        # only the last line may be short, or end in half a number without a line break
-        if k == filled[-1] and len(texts) < len(names):
-            return _cut(rows, texts, len(names))
-        if len(texts) != len(names):
-            raise DataError(
-                f"{len(texts)} fields where {len(names)} are needed: {', '.join(names)}",
-                path,
-                first_line + k,
-            )
-        row: list[float] = []
-        for name, field, text in zip(names, fields, texts, strict=True):
-            try:
-                row.append(field(text))
-            except (ValueError, KeyError) as error:
-                if k == len(lines) - 1 and len(row) == len(names) - 1:
-                    return _cut(rows, texts, len(names))
-                what = f"{name} is '{text.strip()[:40]}', not a number"
-                raise DataError(what, path, first_line + k) from error
-        rows.append(row)
+        try:
+            rows.append(_row(texts, names, fields))
+        except ValueError as error:
+            # the only line may be cut short, but one that is otherwise odd tells of another format
+            if k == filled[-1] and (rows or len(texts) < len(names)):
+                return _cut(rows, texts, len(names), first_line + k)
+            raise DataError(str(error), path, first_line + k) from error
     return Rows(np.array(rows).reshape(-1, len(names)))
 
 
-def _cut(rows: list[list[float]], texts: Sequence[str], n_fields: int) -> Rows:
+def _row(texts: Sequence[str], names: Sequence[str], fields: Sequence[Field]) -> list[float]:
+    """The numbers of one line; a ValueError says what is wrong with it."""
+    if len(texts) != len(names):
+        raise ValueError(f"{len(texts)} fields where {len(names)} are needed: {', '.join(names)}")
+    row: list[float] = []
+    for name, field, text in zip(names, fields, texts, strict=True):
+        try:
+            row.append(field(text))
+        except (ValueError, KeyError) as error:
+            date = ": stamps are seconds, not dates" * (name == "t" and ":" in text)
+            what = f"{name} is '{text.strip()[:40]}', not a number{date}"
+            raise ValueError(what) from error
+    return row
+
+
+def _cut(rows: list[list[float]], texts: Sequence[str], n_fields: int, line: int) -> Rows:
     try:
         # the only field of a cut line may be cut itself
         stamp = float(texts[0]) if len(texts) > 1 else np.nan
     except ValueError:
         stamp = np.nan
-    return Rows(np.array(rows).reshape(-1, n_fields), cut_stamp=stamp)
+    return Rows(np.array(rows).reshape(-1, n_fields), cut_stamp=stamp, cut_line=line)
 
 
 def _field_of(words: Mapping[str, float] | None, unread: bool) -> Field:

@@ -45,7 +45,8 @@ from gtsam_nav.preprocess.cleaning import screen, tidy
 from gtsam_nav.preprocess.repeats import without_repeats
 from gtsam_nav.readers._clock import on_mission_time
 from gtsam_nav.readers._edge_table import read_edges
-from gtsam_nav.readers._gnss import Fixes
+from gtsam_nav.readers._gnss import OFF_THE_GLOBE, OFF_THE_GLOBE_MENDED, Fixes
+from gtsam_nav.readers._mended_table import mended
 from gtsam_nav.readers._mission_yaml import (
     EDGES,
     LANDMARK_MAP,
@@ -177,6 +178,8 @@ class _Reading:
             self.warnings.append(
                 f"sensor '{name}' is left out: {entry.file} holds no valid sample "
                 f"({len(rejections)} dropped{mostly})"
+                + OFF_THE_GLOBE_MENDED
+                * mostly.endswith(OFF_THE_GLOBE)
             )
             return
         if entry.drop_repeats:
@@ -207,7 +210,8 @@ class _Reading:
         table = self._table(name, entry, path, layout)
         model = NOISE_MODELS.get(entry.type)
         noise = None if model is None else model.model_validate(entry.noise)
-        table = self._with_usual_sigmas(name, table, noise, layout)
+        table, said = mended(table, noise, layout)
+        self.warnings += [f"sensor '{name}': {path.name} {what}" for what in said]
         if table.has(GEODETIC_COLUMNS):
             series, rejections = self._geodetic(name, table, noise, layout)
             return series, rejections + table.cut(name)
@@ -230,29 +234,6 @@ class _Reading:
         )
         return series, rejections + table.cut(name)
 
-    def _with_usual_sigmas(
-        self, name: str, table: Table, noise: Any, layout: tuple[Field, ...]
-    ) -> Table:
-        """The table with the noise figures for columns of sigmas that are zero throughout.
-
-        Many a driver writes them that does not know better.
-        """
-        usual = {
-            column: getattr(noise, figure)
-            for spec in layout
-            for column, figure in zip(spec.columns, spec.noise, strict=False)
-            if column in table.columns and _is_zero(table.columns[column])
-        }
-        if not usual:
-            return table
-        figures = ", ".join(f"{column} {value:g}" for column, value in usual.items())
-        self.warnings.append(
-            f"sensor '{name}': {table.path.name} has {', '.join(usual)} of zero throughout: the"
-            f" noise figures serve instead ({figures})"
-        )
-        filled = {column: np.full(len(table.columns["t"]), usual[column]) for column in usual}
-        return replace(table, columns={**table.columns, **filled})
-
     def _geodetic(self, name: str, table: Table, noise: Any, layout: tuple[Field, ...]) -> Cleaned:
         _, sigma, v_n = (_values(spec, table, noise) for spec in layout)
         assert sigma is not None
@@ -262,7 +243,8 @@ class _Reading:
             self.origin = fixes.first_usable()
             if self.origin is not None:
                 self.warnings.append(
-                    f"{self.description} states no origin: the first fix of '{name}' is taken"
+                    f"{self.description} states no origin: the first fix of '{name}' is taken, and"
+                    " whatever is given as north, east and down is taken to count from there"
                 )
         # without any usable fix every origin does: the reasons come out all the same
         return fixes.series(name, self.origin or Origin(0.0, 0.0))
@@ -283,6 +265,10 @@ class _Reading:
         )
         if layout is LAYOUTS["landmarks"] and not table.columns.keys() & {"range_m", "bearing_deg"}:
             raise DataError("column 'range_m' or 'bearing_deg' is needed, or both", path, 1)
+        if table.cut_line is not None:
+            self.warnings.append(
+                f"sensor '{name}': {path.name}:{table.cut_line}: the last line is damaged: left out"
+            )
         if table.unknown:
             unknown = ", ".join(table.unknown)
             self.warnings.append(f"sensor '{name}': {path.name} has unknown columns: {unknown}")
@@ -322,11 +308,6 @@ class _Reading:
         if len(np.unique(whole.id)) < len(whole.id):
             raise DataError("a landmark's id is given twice", path)
         return whole
-
-
-def _is_zero(column: Array) -> bool:
-    """Whether a column holds zeros and nothing else that is finite."""
-    return bool(np.any(column == 0.0) and np.all((column == 0.0) | ~np.isfinite(column)))
 
 
 def _not_whole(layout: tuple[Field, ...], columns: Mapping[str, Array]) -> dict[str, BoolArray]:

@@ -50,6 +50,8 @@ def read_table(path: Path) -> dict[str, Array]:
             header = [name.strip() for name in stream.readline().split(",")]
             lines = [line for line in stream if line.strip()]
         values = np.loadtxt(lines, delimiter=",", ndmin=2) if lines else np.empty((0, len(header)))
+    except FileNotFoundError as error:
+        raise DataError("no such file", path) from error
     except (OSError, ValueError) as error:
         raise DataError(f"not a table of numbers: {error}", path) from error
     if values.shape[1] != len(header):

@@ -90,6 +90,8 @@ def _numbers(path: Path, kind: str) -> Array:
     try:
         lines = [line for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
         return np.loadtxt(lines, ndmin=2) if lines else np.empty((0, 0))
+    except FileNotFoundError as error:
+        raise DataError("no such file", path) from error
     except (OSError, ValueError) as error:
         raise DataError(f"not a {kind} trajectory: {error}", path) from error
 

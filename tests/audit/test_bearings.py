@@ -1,4 +1,4 @@
-"""The sign of bearings, told by landmarks that stand still."""
+"""The sign and the units of sightings, told by landmarks that stand still."""
 
 from __future__ import annotations
 
@@ -45,6 +45,18 @@ def driven(yaw_rate: float, sign: float = 1.0) -> Mission:
     return Mission("driven", {s.name: s for s in sensors})
 
 
+def in_units(mission: Mission, bearing: float, distance: float) -> Mission:
+    """Sightings that are multiplied."""
+    eye = mission.sensors["eye"]
+    assert isinstance(eye.series, LandmarkSeries)
+    assert eye.series.range_m is not None
+    assert eye.series.bearing is not None
+    series = replace(
+        eye.series, range_m=distance * eye.series.range_m, bearing=bearing * eye.series.bearing
+    )
+    return mission.with_sensor(replace(eye, series=series))
+
+
 def found(mission: Mission) -> Finding:
     (finding,) = bearing_findings(mission)
     return finding
@@ -61,6 +73,38 @@ def test_reversed_bearings_are_found(yaw_rate: float) -> None:
     finding = found(driven(yaw_rate, sign=-1.0))
     assert (finding.check, finding.sensor, finding.severity) == ("bearing sign", "eye", "warning")
     assert finding.fix == "scale: {bearing_deg: -1}"
+
+
+@pytest.mark.parametrize(
+    ("check", "bearing", "distance", "fix"),
+    [
+        ("bearing unit", np.radians(1.0), 1.0, "scale: {bearing_deg: 57.29578}"),
+        ("bearing unit", -np.radians(1.0), 1.0, "scale: {bearing_deg: -57.29578}"),
+        ("bearing unit", np.degrees(1.0), 1.0, "scale: {bearing_deg: 0.01745329}"),
+        ("range unit", 1.0, 1 / 0.3048, "scale: {range_m: 0.3048}"),
+        ("range unit", 1.0, 1e2, "scale: {range_m: 0.01}"),
+        ("range unit", 1.0, 1e3, "scale: {range_m: 0.001}"),
+    ],
+)
+def test_other_units_are_found(check: str, bearing: float, distance: float, fix: str) -> None:
+    finding = found(in_units(driven(0.1), bearing, distance))
+    assert (finding.check, finding.severity, finding.fix) == (check, "warning", fix)
+
+
+def test_a_small_unit_does_not_explain_sightings_at_rest() -> None:
+    resting = driven(0.1).crop(0.0, 150.0)
+    wheels, eye = resting.sensors["odometry"].series, resting.sensors["eye"].series
+    assert isinstance(wheels, OdometrySeries)
+    assert isinstance(eye, LandmarkSeries)
+    still = replace(wheels, v_b=0 * wheels.v_b, yaw_rate=0 * wheels.yaw_rate)
+    rng = np.random.default_rng(5)
+    seen = replace(
+        eye,
+        range_m=10.0 + rng.normal(0.0, 0.1, len(eye)),
+        bearing=0.3 * eye.id + rng.normal(0.0, 0.03, len(eye)),
+    )
+    sensors = (Sensor("odometry", "odometry", still), Sensor("eye", "landmarks", seen))
+    assert found(Mission("at rest", {s.name: s for s in sensors})).severity == "ok"
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

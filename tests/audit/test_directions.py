@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
+
 import numpy as np
 import pytest
 
@@ -62,9 +64,14 @@ def velocity(name: str = "dvl", turned_deg: float = 0.0, axes: Array | None = No
     return Velocity(name, T, v_s if axes is None else v_s @ axes.T, R_BD)
 
 
-def warned(*sources: Velocity, where: Baselines | None) -> dict[str, Finding]:
+def warned(
+    *sources: Velocity,
+    where: Baselines | None,
+    heave: Mapping[str, str] | None = None,
+    untold: Collection[str] = (),
+) -> dict[str, Finding]:
     pairs = direction_pairs(sources, where, STATED)
-    found = direction_findings(sources, where, pairs, direction_blame(pairs))
+    found = direction_findings(sources, where, pairs, direction_blame(pairs), heave or {}, untold)
     return {str(f.sensor): f for f in found if f.severity == "warning"}
 
 
@@ -88,6 +95,34 @@ def test_axes_are_judged_against_odometry_too() -> None:
     reversed_ = velocity(axes=np.diag([-1.0, -1.0, 1.0]))
     found = warned(reversed_, velocity("odometry"), velocity(BOW), where=None)
     assert "scale: {vx: -1, vy: -1}" in found["dvl"].fix
+
+
+UP = {"dvl": "goes up where imu goes down"}
+
+
+@pytest.mark.parametrize("with_fixes", [True, False])
+def test_an_instrument_that_lies_on_its_back_is_turned(with_fixes: bool) -> None:
+    where = ways() if with_fixes else None
+    on_its_back = velocity(axes=np.diag([1.0, -1.0, -1.0]))
+    found = warned(on_its_back, velocity("odometry"), velocity(BOW), where=where, heave=UP)
+    assert found["dvl"].fix == "rpy_deg: [180, 0, 45]"
+    assert "goes up where imu goes down: mounted upside down" in found["dvl"].message
+
+
+def test_without_heave_an_instrument_on_its_back_is_offered_too() -> None:
+    on_its_back = velocity(axes=np.diag([1.0, -1.0, -1.0]))
+    found = warned(
+        on_its_back, velocity("odometry"), velocity(BOW), where=ways(), untold=("dvl", "odometry")
+    )
+    assert "vy reversed" in found["dvl"].message
+    assert "or mounted upside down" in found["dvl"].message
+    assert "scale: {vy: -1}" in found["dvl"].fix
+    assert "rpy_deg: [180, 0, 45]" in found["dvl"].fix
+
+
+def test_a_reversed_z_alone_may_be_either() -> None:
+    found = warned(velocity(), velocity("odometry"), velocity(BOW), where=ways(), heave=UP)
+    assert found["dvl"].fix == "scale: {vz: -1}, or rpy_deg: [180, 0, -45]"
 
 
 def test_a_vehicle_that_drifts_is_nobodys_fault() -> None:

@@ -106,6 +106,7 @@ def card_lines(fix: str) -> dict[str, Any]:
 
 
 MENDED = (
+    *("DVL upside down", "bearings in radians", "ranges in feet"),
     *("gyro in deg/s", "accelerometer in g", "gravity sign", "IMU axes FLU", "heading ENU"),
     *("heading in radians", "DVL velocities reversed", "DVL misaligned by 10 deg"),
     *("GNSS clock 2 s late", "lever arm sign", "stale headings", "mirrored sonar"),

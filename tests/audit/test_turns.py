@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from gtsam_nav.audit.agreement import Agreement
+from gtsam_nav.audit.compass_unit import compasses_in_radians
 from gtsam_nav.audit.findings import Finding
 from gtsam_nav.audit.turns import (
     TurnPair,
@@ -63,9 +64,11 @@ def wheels(rate: Array = RATE) -> Sensor:
 
 
 def found_of(*sensors: Sensor) -> list[Finding]:
-    turns = turns_of(Mission("turns", {s.name: s for s in sensors}))
+    mission = Mission("turns", {s.name: s for s in sensors})
+    turns = turns_of(mission)
     pairs = turn_pairs(turns)
-    return list(turn_findings(turns, pairs, wrong_signs(pairs, (), ())))
+    radians = compasses_in_radians(mission, pairs, ())
+    return list(turn_findings(turns, pairs, wrong_signs(pairs, (), ()), radians))
 
 
 def warned(*sensors: Sensor) -> dict[str, Finding]:
@@ -125,7 +128,7 @@ def test_whom_a_reversed_sensor_alone_contradicts_is_not_said_to_agree() -> None
     turns = turns_of(Mission("turns", {s.name: s for s in (compass(), wheels(-RATE))}))
     pairs = turn_pairs(turns)
     by_fixes = wrong_signs(pairs, (), [("gnss", "heading")])
-    (found,) = turn_findings(turns, pairs, by_fixes)
+    (found,) = turn_findings(turns, pairs, by_fixes, {})
     assert (found.check, found.sensor) == ("yaw rate sign", "odometry")
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gtsam_nav.audit.vertical import vertical_findings, vertical_pairs
+from gtsam_nav.audit.vertical import reversed_heave, vertical_findings, vertical_pairs
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.series import DepthSeries, DvlSeries, ImuSeries
 
@@ -57,7 +57,8 @@ def mission(dvl: float = 1.0, depth: float = 1.0, accel: float = 1.0) -> Mission
 
 
 def fixes(of: Mission, upside_down: bool = False) -> dict[str | None, str]:
-    return {f.sensor: f.fix for f in vertical_findings(of, vertical_pairs(of), upside_down)}
+    heave = reversed_heave(of, vertical_pairs(of), upside_down)
+    return {f.sensor: f.fix for f in vertical_findings(of, heave)}
 
 
 def test_three_that_agree() -> None:

@@ -33,12 +33,15 @@ def depth_folder(folder: Path, text: str | bytes) -> Path:
         ("t\tdepth_m\n0\t1\n", ": the fields must be separated by commas"),
         ('"t","depth_m"\n"0","1"\n', ": without quotation marks"),
         ("T,Depth_m\n0,1\n", "the header names T, Depth_m: capitals are other letters"),
+        ("# depths\nt,depth_m\n0,1\n", "the first line must be the header, and no comment"),
+        ("0,1.0\n1,1.0\n", "these are numbers, a header is missing"),
+        ("t,depth_m\n2024-05-17T09:30:00,1\n1,1\n", "not a number: stamps are seconds, not dates"),
         ("t,depth_m,t\n0,1,2\n", "column 't' is named twice"),
         ("t,depth_m\n0,1\n1,2,3\n2,1\n", "x.csv:3: 3 fields where 2 are needed"),
         ("t,depth_m\n0,1\n1\n2,1\n", "x.csv:3: 1 fields where 2 are needed"),
         ("t,depth_m\n0;1\n1;2\n2;3\n", "x.csv:2: 1 fields where 2 are needed"),
-        ("t,depth_m\n0,1\nx,2\n", "x.csv:3: t is 'x', not a number"),
-        (b"t,depth_m\n\xff\xfe,1\n", "is not utf-8 text"),
+        ("t,depth_m\n0,1\nx,2\n1,1\n", "x.csv:3: t is 'x', not a number"),
+        (b"t,depth_m\n\xff\xfe,1\n1,1\n", "x.csv:2: is not utf-8 text"),
         (gzip.compress(DEPTH_CSV.encode(), mtime=0)[:-12], "the gzip archive is cut off"),
         (b"\x1f\x8bnot gzip at all", "the gzip archive is damaged"),
     ],
@@ -153,6 +156,30 @@ def test_a_last_line_that_was_cut_off_is_dropped_with_its_reason(
 def test_a_number_that_was_cut_off_is_a_cut_line(tmp_path: Path) -> None:
     mission = open_mission(depth_folder(tmp_path, DEPTH_CSV + "10,1.5,1e-"))
     assert [r.reason for r in mission.rejections] == ["truncated line"]
+
+
+@pytest.mark.parametrize(
+    "end",
+    [
+        *(b"10,1.5,0.1xx\n", b"10,1.5,0.1,7,8\n", b"Segmentation fault\n", b"10,1.", b"1,x,0.1\n"),
+        *(b"\xff\xfe\x01\x80", b"10,1\xff\n\xfe\n\x80\n", b"\0" * 512, b"10,1.5" + b"\0" * 512),
+    ],
+)
+def test_whatever_a_loss_of_power_leaves_at_the_end_is_left_out(tmp_path: Path, end: bytes) -> None:
+    mission = open_mission(depth_folder(tmp_path, DEPTH_CSV.encode() + end))
+    assert len(mission.sensors["x"].series) == 10
+    assert [(r.index, r.reason) for r in mission.rejections] == [(10, "truncated line")]
+    assert any("x.csv:12: the last line is damaged" in w for w in mission.warnings)
+
+
+@pytest.mark.parametrize(
+    "damage", [b"x,1,0.1\n", b"1\n", b"\xff\xfe\n", b"\xff\xfe\x80", b"\0" * 9]
+)
+def test_damage_in_the_middle_is_refused_with_its_line(tmp_path: Path, damage: bytes) -> None:
+    text = DEPTH_CSV.encode()
+    middle = text.index(b"\n5") + 1
+    with pytest.raises(DataError, match=r"x\.csv:7: "):
+        open_mission(depth_folder(tmp_path, text[:middle] + damage + text[middle:]))
 
 
 def test_a_last_line_without_its_break_counts(tmp_path: Path) -> None:

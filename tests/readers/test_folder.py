@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from missions import DEPTH_CSV, make_folder, one_sensor_folder
 
 from gtsam_nav.errors import DataError
@@ -100,6 +101,22 @@ def test_fixes_in_degrees_become_local(tmp_path: Path) -> None:
     np.testing.assert_array_equal(series.sigma[0], [1, 2, 3])
     assert series.v_n is not None
     np.testing.assert_array_equal(series.v_n[0], [4, 5, 6])
+
+
+@pytest.mark.parametrize(
+    ("fix", "line"),
+    [
+        ("114.2,3.5", "columns: {lat_deg: lon_deg, lon_deg: lat_deg}"),
+        ("425000000,35000000", "scale: {lat_deg: 1.0e-7, lon_deg: 1.0e-7}"),
+    ],
+)
+def test_fixes_off_the_globe_name_what_mends_them(tmp_path: Path, fix: str, line: str) -> None:
+    text = f"t,lat_deg,lon_deg,h_m\n0,{fix},8\n1,{fix},8\n"
+    left_out = open_mission(one_sensor_folder(tmp_path / "a", "gnss", text))
+    assert any("'x' is left out" in w and line in w for w in left_out.warnings)
+    card: dict[str, Any] = yaml.safe_load(line)
+    mended = open_mission(one_sensor_folder(tmp_path / "b", "gnss", text, **card))
+    assert len(mended.sensors["x"].series) == 2
 
 
 def test_without_an_origin_the_first_fix_is_taken_and_said(tmp_path: Path) -> None:

@@ -252,6 +252,14 @@ def test_a_last_line_that_was_cut_off_is_rejected(
 
 
 @pytest.mark.parametrize("name", ["DVL", "MTi", "DGPS", "IS"])
+@pytest.mark.parametrize("end", ["\0\0\0\0", "8.0 x", "7.5 ÿþ\x01\r\n"])
+def test_a_last_line_that_is_damaged_is_rejected(tmp_path: Path, name: str, end: str) -> None:
+    text = GOOD[f"{name}.log"].rstrip() + "\r\n" + end
+    mission = open_mission(logs(tmp_path, **{name: text}))
+    assert {(r.index, r.reason) for r in mission.rejections} == {(8, "truncated line")}
+
+
+@pytest.mark.parametrize("name", ["DVL", "MTi", "DGPS", "IS"])
 @pytest.mark.parametrize("line", ["1 2 3", "a b c d e f g h i", "%s 1"])
 def test_a_malformed_line_is_named(tmp_path: Path, name: str, line: str) -> None:
     good = GOOD[f"{name}.log"].split("\r\n")[6]

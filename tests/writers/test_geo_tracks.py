@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import solutions
 
-from gtsam_nav.frames import ned_from_geodetic
+from gtsam_nav.frames import Origin, ned_from_geodetic
 from gtsam_nav.writers.geo import write_geojson, write_kml
 
 
@@ -38,3 +39,22 @@ def test_kml_round_trip(tmp_path: Path) -> None:
     longitude, latitude, _ = np.array([row.split(",") for row in line.text.split()], dtype=float).T
     p_n = ned_from_geodetic(latitude, longitude, -trajectory.p_n[:, 2], solutions.ORIGIN)
     np.testing.assert_allclose(p_n[:, :2], trajectory.p_n[:, :2], atol=1e-3)
+
+
+def test_a_track_over_the_antimeridian_is_cut_there(tmp_path: Path) -> None:
+    trajectory = solutions.true_trajectory(np.arange(0.0, 60.0))
+    east = np.linspace(-50.0, 50.0, len(trajectory))
+    there_and_back = replace(trajectory, p_n=np.column_stack([0 * east, 50 - abs(east), 0 * east]))
+    origin = Origin(-17.0, 180.0 - 25.0 / (111.3e3 * np.cos(np.radians(17.0))))
+    write_geojson(there_and_back, origin, "fiji", tmp_path / "track.geojson")
+    document = json.loads((tmp_path / "track.geojson").read_text(encoding="utf-8"))
+    (feature,) = document["features"]
+    assert feature["geometry"]["type"] == "MultiLineString"
+    parts, times = feature["geometry"]["coordinates"], feature["properties"]["t"]
+    assert [part[-1][0] for part in parts[:-1]] == [180.0, -180.0]
+    assert [part[0][0] for part in parts[1:]] == [-180.0, 180.0]
+    assert [len(part) for part in parts] == [len(t) for t in times]
+    assert sum(len(part) for part in parts) == len(trajectory) + 4
+    for part, t in zip(parts, times, strict=True):
+        assert np.max(np.abs(np.diff([vertex[0] for vertex in part]))) < 1e-3
+        assert np.all(np.diff(t) >= 0.0)

@@ -123,12 +123,10 @@ class Plan {
       const [, y] = view.toScreen(n, 0);
       context.moveTo(0, y);
       context.lineTo(width, y);
-      context.fillText(figure(n, digits), 4, y - 3);
+      // the corners hold the name of the axis, and the figures of the other one
+      if (y > 30 && y < height - 18) context.fillText(figure(n, digits), 4, y - 3);
     }
     context.stroke();
-    context.textAlign = "right";
-    context.fillText("north up, m", width - 6, 14);
-    context.textAlign = "left";
     context.fillText("east, m", width / 2, height - 18);
     context.fillText("north, m", 4, 14);
   }

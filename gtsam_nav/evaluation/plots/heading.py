@@ -88,8 +88,9 @@ def slow_states(solution: Solution) -> Figure | None:
         _draw_slow_state(ax, solution, name)
     for ax in axes[len(names) :]:
         ax.set_visible(False)
-    for ax in axes[-columns:]:
+    for ax in axes[max(len(names) - columns, 0) : len(names)]:  # the lowest of each column
         label(ax, "mission time (s)", ax.get_ylabel())
+        ax.tick_params(labelbottom=True)
     add_legend(axes[0])
     return figure
 

@@ -1,0 +1,81 @@
+"""What is plainly meant otherwise in a table of a mission folder, mended and said.
+
+Sigmas of zero throughout are those of a driver that does not know better; stamps that fall back by
+a day are seconds of the day, in a log that goes on past midnight.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from gtsam_nav.frames import Array
+from gtsam_nav.readers._table import Table
+from gtsam_nav.readers.layout import Field
+
+DAY_S, NEAR_S = 86_400.0, 3600.0
+"""A day, and how near midnight the stamps on both sides of it lie."""
+
+
+def mended(table: Table, noise: Any, layout: Sequence[Field]) -> tuple[Table, list[str]]:
+    """The table as it is meant, and what is to be said of that.
+
+    Parameters
+    ----------
+    table : Table
+    noise : pydantic model or None
+        The sensor's noise figures.
+    layout : sequence of Field
+    """
+    columns, said = dict(table.columns), []
+    usual = _usual_sigmas(table, noise, layout)
+    if usual:
+        figures = ", ".join(f"{column} {value:g}" for column, value in usual.items())
+        said.append(
+            f"has {', '.join(usual)} of zero throughout: the noise figures serve instead"
+            f" ({figures})"
+        )
+        columns |= {column: np.full(len(columns["t"]), usual[column]) for column in usual}
+    days = days_passed(columns["t"])
+    if np.any(days):
+        said.append(
+            "has seconds of the day as stamps, and they pass midnight: those after it are taken for"
+            " the next day's"
+        )
+        columns["t"] = columns["t"] + DAY_S * days
+    return replace(table, columns=columns), said
+
+
+def _usual_sigmas(table: Table, noise: Any, layout: Sequence[Field]) -> dict[str, float]:
+    """The noise figures that stand for columns of sigmas."""
+    return {
+        column: getattr(noise, figure)
+        for spec in layout
+        for column, figure in zip(spec.columns, spec.noise, strict=False)
+        if column in table.columns and _is_zero(table.columns[column])
+    }
+
+
+def _is_zero(column: Array) -> bool:
+    """Whether a column holds zeros and nothing else that is finite."""
+    return bool(np.any(column == 0.0) and np.all((column == 0.0) | ~np.isfinite(column)))
+
+
+def days_passed(t: Array) -> Array:
+    """How many midnights stamps (n,) have passed, where they are seconds of the day; else zeros.
+
+    Only what can be nothing else is taken for such: stamps within a day that fall back from its
+    last hour to its first, and never otherwise by half a day.
+    """
+    none = np.zeros(len(t))
+    known = np.flatnonzero(np.isfinite(t))
+    stamps = t[known]
+    falls = np.flatnonzero(np.diff(stamps) < -0.5 * DAY_S)
+    if not len(falls) or np.min(stamps) < 0.0 or np.max(stamps) > DAY_S:
+        return none
+    if np.any(stamps[falls] < DAY_S - NEAR_S) or np.any(stamps[falls + 1] > NEAR_S):
+        return none
+    return np.searchsorted(known[falls + 1], np.arange(len(t)), side="right").astype(float)

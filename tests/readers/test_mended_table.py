@@ -1,0 +1,71 @@
+"""Tables that plainly mean something else than they say."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from missions import make_folder
+
+from gtsam_nav.readers import open_mission
+from gtsam_nav.readers._mended_table import DAY_S, days_passed
+
+STAMPS = np.arange(86_390.0, 86_410.0)
+
+
+def depths(stamps: np.ndarray) -> str:
+    return "t,depth_m\n" + "".join(f"{t},{k}\n" for k, t in enumerate(stamps))
+
+
+def test_seconds_of_the_day_go_on_past_midnight(tmp_path: Path) -> None:
+    files = {"a.csv": depths(STAMPS % DAY_S), "b.csv": depths(STAMPS[:5])}
+    sensors = {name: {"type": "depth", "file": f"{name}.csv"} for name in "ab"}
+    mission = open_mission(make_folder(tmp_path, files, sensors))
+    np.testing.assert_allclose(mission.sensors["a"].series.t, STAMPS - STAMPS[0])
+    assert mission.rejections == ()
+    (warning,) = [w for w in mission.warnings if "midnight" in w]
+    assert "sensor 'a': a.csv has seconds of the day" in warning
+
+
+def test_two_midnights_and_missing_stamps() -> None:
+    t = np.arange(86_000.0, 86_000.0 + 2 * DAY_S, 100.0)
+    read = t % DAY_S
+    read[[3, 4, 5]] = np.nan
+    known = np.isfinite(read)
+    np.testing.assert_array_equal(days_passed(read)[known], (t // DAY_S)[known])
+
+
+@pytest.mark.parametrize(
+    "t",
+    [
+        np.empty(0),
+        np.array([np.nan]),
+        STAMPS,
+        STAMPS[::-1] % DAY_S,
+        np.append(STAMPS % DAY_S, -1.0),  # no seconds of the day
+        np.array([86_399.0, 0.0, 86_400.5]),
+        np.array([0.0, 50_000.0, 1.0]),  # falls back from noon
+        np.array([86_399.0, 40_000.0]),
+        np.array([86_399.0, 1.0, 86_399.5, 43_000.0, 1.0]),
+    ],
+)
+def test_nothing_else_is_taken_for_seconds_of_the_day(t: np.ndarray) -> None:
+    assert not np.any(days_passed(t))
+
+
+@pytest.mark.parametrize(("start_utc", "warned"), [(1.75e9, True), (0, False), (None, False)])
+def test_posix_stamps_that_are_counted_from_a_start_of_today_are_doubted(
+    tmp_path: Path, start_utc: float | None, warned: bool
+) -> None:
+    description = {} if start_utc is None else {"start_utc": start_utc}
+    folder = make_folder(
+        tmp_path,
+        {"a.csv": depths(1.75e9 + STAMPS)},
+        {"depth": {"file": "a.csv"}},
+        **description,
+    )
+    told = any(
+        "where they are POSIX seconds themselves" in w for w in open_mission(folder).warnings
+    )
+    assert told == warned
