@@ -2,9 +2,10 @@
 
 Mallios et al. 2014, section 4.3; and ahead of them what the paper takes for zero: the share by
 which the ways between matched scans are too short, the angle by which dead-reckoned ones must be
-turned, and that by which the compass must be at the end of the newest scan. A measurement is of two
-poses and the first, so that an update costs one pass over the covariance: three columns of
-``P H'``, and a correction of rank six.
+turned, that by which the compass must be at the end of the newest scan, and how far the dead
+reckoning has strayed by then from its mean over that scan. A measurement is of two poses and the
+first, so that an update costs one pass over the covariance: three columns of ``P H'``, and a
+correction of rank six.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from gtsam_nav.errors import EstimationError
 from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.series import IntArray
 
-SCALE, MOTION, SHARED = 0, slice(1, 3), 3
+SCALE, MOTION, SHARED = 0, slice(1, 5), 5
 """Entries of the scale of matches and of the errors of the motion, and how many there are."""
 LEAST_CONDITION = 1e-12
 """Of an innovation covariance, smallest over largest variance, that can still be inverted."""
@@ -29,9 +30,9 @@ class AugmentedState:
     ----------
     capacity : int
         Scans that will be added.
-    first : ndarray, shape (5,)
-        Both errors of the motion, and the pose of the first scan.
-    cov : ndarray, shape (5, 5)
+    first : ndarray, shape (7,)
+        Errors of the motion (misalignment, compass, north and east), and pose of the first scan.
+    cov : ndarray, shape (7, 7)
     scale_sigma : float
         Spread of the share by which the ways between matched scans are too short.
     """
@@ -54,7 +55,7 @@ class AugmentedState:
 
     @property
     def newest(self) -> Array:
-        """Both errors of the motion, and the newest pose, shape (5,), a copy."""
+        """Errors of the motion, and the newest pose, shape (7,), a copy."""
         return self._x[self._moving]
 
     @property
@@ -82,11 +83,11 @@ class AugmentedState:
 
         Parameters
         ----------
-        new : ndarray, shape (5,)
-            Both errors of the motion, and the pose of the scan, as predicted from the newest.
-        J : ndarray, shape (5, 5)
+        new : ndarray, shape (7,)
+            Errors of the motion, and pose of the scan, as predicted from the newest.
+        J : ndarray, shape (7, 7)
             Jacobian of the prediction.
-        cov_added : ndarray, shape (5, 5)
+        cov_added : ndarray, shape (7, 7)
             What the prediction's own noise adds.
         """
         moving, known = self._moving, slice(0, self._size)

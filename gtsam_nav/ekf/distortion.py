@@ -50,6 +50,11 @@ class Distortion:
     moved: Array
     whole: Array
 
+    @property
+    def turned(self) -> Array:
+        """Those of the scan as a whole by errors of the heading, which come first, (3, m / 3)."""
+        return self.whole[:, : self.whole.shape[1] // 3]
+
 
 def distortions(
     data: SonarData,

@@ -18,6 +18,7 @@ from gtsam_nav.ekf.considered import ConsideredErrors
 from gtsam_nav.ekf.constant_velocity import YAW, Filtered
 from gtsam_nav.ekf.dead_reckoning import DeadReckoned, dead_reckon
 from gtsam_nav.ekf.distortion import Distortion, distortions, walking
+from gtsam_nav.ekf.straying import straying
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.mission import Mission, Rejection, Sensor
@@ -37,8 +38,10 @@ from gtsam_nav.sonar.scans import planar_rotations
 
 PLANAR = np.array([0, 1, YAW])
 """North, east and yaw in the state of the dead-reckoning filter."""
-MISALIGNMENT, COMPASS, POSE = 0, 1, slice(2, 5)
+MISALIGNMENT, COMPASS, STRAYED, POSE = 0, 1, slice(2, 4), slice(4, 7)
 """Entries of the errors of the motion and the pose of a scan, which the next is predicted from."""
+NORTH_EAST = slice(4, 6)
+"""Of the pose."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +67,8 @@ class ScanTrack:
     frame_cov : ndarray, shape (n, 2, 2)
         How far the position (north, east) at a scan's reference time may be off that of its beams
         on the whole, which is the scan's own, m^2.
+    strayed : ndarray, shape (n, 4, 4)
+        How far the walk along a compass strays: `straying`.
     distortions : list of Distortion
         What errors of the motion within each scan do to it.
     match_scale_sigma : float
@@ -85,6 +90,7 @@ class ScanTrack:
     drift: CompassDrift | None
     white_yaw: Array
     frame_cov: Array
+    strayed: Array
     distortions: list[Distortion]
     match_scale_sigma: float
     pic: PicSettings
@@ -127,12 +133,12 @@ class ScanTrack:
 
     @property
     def first(self) -> Array:
-        """Errors of the motion, of which nothing is known, and pose of the first scan, (5,)."""
-        return np.append(np.zeros(2), self.pose(0))
+        """Errors of the motion, of which nothing is known, and pose of the first scan, (7,)."""
+        return np.append(np.zeros(4), self.pose(0))
 
     @property
     def first_cov(self) -> Array:
-        """Covariance of `first`, shape (5, 5)."""
+        """Covariance of `first`, shape (7, 7)."""
         turned = _turning(self.pose(0)[:2] - self.filtered.x[0, :2])[:, 0]
         turned[MISALIGNMENT] = 1.0
         variance = ConsideredErrors.of(self.mission).misalignment ** 2
@@ -141,10 +147,11 @@ class ScanTrack:
     @property
     def first_cov_aligned(self) -> Array:
         """The same of a velocity that is not misaligned."""
-        first, cov = int(self.record[0]), np.zeros((5, 5))
+        first, cov = int(self.record[0]), np.zeros((7, 7))
         cov[POSE, POSE] = self.walked[first]
         if self.drift is None:
             return cov
+        cov[STRAYED, STRAYED] = self.strayed[0, :2, :2]
         t, ne = self.filtered.t, self.filtered.x[:, :2]
         beams_s = self.beams_s[0]
         spans_s = np.stack([t[[0, first]], beams_s, beams_s[[1, 1]]])
@@ -178,46 +185,48 @@ class ScanTrack:
         """Pose of scan k by dead reckoning from the scan before, and the errors of the motion.
 
         These are the angles by which all ways must be turned, and the compass at the end of the
-        scan. With a compass the displacement is aligned with north, but for what is left of the
-        error that it had over the last scan, by which that one's pose differs from what it said,
-        and at its end. Without one the displacement turns with the pose that it starts from.
+        scan, and how far north and east the dead reckoning has strayed by then from its mean over
+        the scan, whose pose is that of all its beams. With a compass the displacement is aligned
+        with north, but for what is left of the error that it had over the last scan, by which that
+        one's pose differs from what it said, and at its end. Without one the displacement turns
+        with the pose that it starts from.
 
         Parameters
         ----------
         k : int
-        last : ndarray, shape (5,)
+        last : ndarray, shape (7,)
             Errors and pose of the scan before.
 
         Returns
         -------
-        new : ndarray, shape (5,)
-        J : ndarray, shape (5, 5)
+        new : ndarray, shape (7,)
+        J : ndarray, shape (7, 7)
             Its Jacobian in the last.
-        cov_added : ndarray, shape (5, 5)
+        cov_added : ndarray, shape (7, 7)
         """
         before, here = self.pose(k - 1), self.pose(k)
-        new, J, cov = np.zeros(5), np.zeros((5, 5)), np.zeros((5, 5))
+        new, J, cov = np.zeros(7), np.zeros((7, 7)), np.zeros((7, 7))
         turned, pose = last[MISALIGNMENT], last[POSE]
         new[MISALIGNMENT], J[MISALIGNMENT, MISALIGNMENT] = turned, 1.0
-        cov[POSE, POSE] = self._walked_from_last(k)
         if self.drift is None:
             q, _, J_here = tail_to_tail(before, here)
             q[:2] = planar_rotations(turned) @ q[:2]
             new[POSE], J[POSE, POSE], J_q = compound(pose, q)
             J[:, MISALIGNMENT] += _turning(new[POSE][:2] - pose[:2])[:, 0]
             to_last = J_q @ J_here
-            cov[POSE, POSE] = to_last @ cov[POSE, POSE] @ to_last.T
+            cov[POSE, POSE] = to_last @ self._walked_from_last(k) @ to_last.T
             return new, J, cov
         errors = self._compass_errors[k - 1]
         kept = errors[2:, :2] @ np.linalg.pinv(errors[:2, :2], hermitian=True)
         known = [wrap_angle(pose[2] - before[2]), last[COMPASS]]
         on_the_way, here_off, new[COMPASS] = kept @ known
         way = planar_rotations(on_the_way + turned) @ (here[:2] - before[:2])
-        new[POSE] = np.append(pose[:2] + way, wrap_angle(here[2] + here_off))
+        new[POSE] = np.append(pose[:2] + last[STRAYED] + way, wrap_angle(here[2] + here_off))
         turning = _turning(way)
-        J[POSE, POSE] = np.diag([1.0, 1.0, 0.0])
+        J[NORTH_EAST, NORTH_EAST] = J[NORTH_EAST, STRAYED] = np.eye(2)
         J[:, MISALIGNMENT] += turning[:, 0]
         J[:, [POSE.stop - 1, COMPASS]] += turning @ kept
+        cov[STRAYED.start : NORTH_EAST.stop, STRAYED.start : NORTH_EAST.stop] = self.strayed[k]
         cov += turning @ (errors[2:, 2:] - kept @ errors[:2, 2:]) @ turning.T
         return new, J, cov
 
@@ -227,6 +236,7 @@ class ScanTrack:
         q, _, J_here = tail_to_tail(before, here)
         cov = self._walked_from_last(k)
         if self.drift is not None:
+            cov[:2, :2] = self.strayed[k - 1, :2, :2] + self.strayed[k, 2:, 2:]
             # the way lies, and the scan is turned, as seen from the scan before
             relative = np.array([[-1.0, 0.0, 1.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 1.0, 0.0]])
             turning = _turning(here[:2] - before[:2])[POSE, :2] @ relative
@@ -262,6 +272,7 @@ def follow_scans(mission: Mission, config: Config) -> ScanTrack:
     distorted = distortions(sonar, motion, way_variance, yaw_changes, pic)
     beam_s = _sonar_of(mission).series.t
     beams_s = np.stack([beam_s[turns.first], beam_s[turns.last - 1]], axis=1)
+    turned = _frame_cov([d.turned for d in distorted], reckoned.filtered, record)
     return ScanTrack(
         mission=mission,
         start=start,
@@ -272,7 +283,8 @@ def follow_scans(mission: Mission, config: Config) -> ScanTrack:
         drift=drift,
         white_yaw=_mean_white_variance(mission, reckoned.filtered.P[record], beams_s),
         distortions=distorted,
-        frame_cov=_frame_cov(distorted, reckoned.filtered, record),
+        frame_cov=_frame_cov([d.whole for d in distorted], reckoned.filtered, record),
+        strayed=straying(reckoned.filtered.t, way_variance, beams_s, turned),
         match_scale_sigma=noise.scale_sigma,
         pic=pic,
         min_points=config.sonar.scans.min_points,
@@ -320,9 +332,9 @@ def _way_variance(filtered: Filtered, record: IntArray) -> Array:
     return np.asarray(before[np.searchsorted(record, np.arange(len(level)))] + level)
 
 
-def _frame_cov(distorted: list[Distortion], filtered: Filtered, record: IntArray) -> Array:
+def _frame_cov(moved: list[Array], filtered: Filtered, record: IntArray) -> Array:
     to_n = planar_rotations(filtered.x[record, YAW])
-    cov = np.array([d.whole[:2] @ d.whole[:2].T for d in distorted])
+    cov = np.array([whole[:2] @ whole[:2].T for whole in moved])
     return np.asarray(to_n @ cov @ np.swapaxes(to_n, 1, 2))
 
 
@@ -344,8 +356,8 @@ def _mean_white_variance(mission: Mission, P: Array, beams_s: Array) -> Array:
 
 def _turning(way: Array) -> Array:
     """How errors and pose of a scan change with a compass's errors on a way (2,), over the scan at
-    its end and at the end of that, shape (5, 3)."""
-    J = np.zeros((5, 3))
+    its end and at the end of that, shape (7, 3)."""
+    J = np.zeros((7, 3))
     J[COMPASS, 2] = 1.0
     J[POSE] = [[-way[1], 0.0, 0.0], [way[0], 0.0, 0.0], [0.0, 1.0, 0.0]]
     return J

@@ -17,7 +17,16 @@ from gtsam_nav.ekf.dead_reckoning import dead_reckon, filtered_trajectory
 from gtsam_nav.ekf.pose_slam import PoseFilter, estimated_scale_sigma, loop_candidates
 from gtsam_nav.ekf.scan_match import completed, match_consecutive
 from gtsam_nav.ekf.scan_solution import _bridge, _turned
-from gtsam_nav.ekf.scan_track import ScanTrack, follow_scans
+from gtsam_nav.ekf.scan_track import (
+    COMPASS,
+    MISALIGNMENT,
+    NORTH_EAST,
+    POSE,
+    ScanTrack,
+    _way_variance,
+    follow_scans,
+)
+from gtsam_nav.ekf.straying import straying
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.mission import InitialState, Mission, Sensor
@@ -173,12 +182,12 @@ def test_a_misalignment_turns_the_way_to_the_first_scan_too(compass: bool) -> No
     angle = errors.misalignment
     straight = np.diff(track.filtered.x[[0, track.record[0]], :2], axis=0)[0]
     aside = angle * np.array([-straight[1], straight[0]])
-    aligned = track.first_cov[2:4, 2:4] - np.outer(aside, aside)
+    aligned = track.first_cov[NORTH_EAST, NORTH_EAST] - np.outer(aside, aside)
     assert np.linalg.eigvalsh(aligned).min() > 0.0
-    np.testing.assert_allclose(track.first_cov[0, 2:4], angle * aside)
+    np.testing.assert_allclose(track.first_cov[MISALIGNMENT, NORTH_EAST], angle * aside)
     precise = replace(mission.sensors["odometry"], noise={"misalignment_sigma_deg": 0.0})
     exact = follow_scans(late.with_sensor(precise), load_config())
-    np.testing.assert_allclose(exact.first_cov[2:4, 2:4], aligned, rtol=1e-6)
+    np.testing.assert_allclose(exact.first_cov[NORTH_EAST, NORTH_EAST], aligned, rtol=1e-6)
     first = np.zeros(len(track.filtered.t), dtype=np.int64)
     by_misalignment = np.subtract(*(_turned(track, first, first, first, a) for a in (angle, 0.0)))
     assert not np.any(by_misalignment[: track.record[0]])
@@ -194,7 +203,7 @@ def test_white_noise_of_a_compass_averages_out_over_a_scan_and_no_further() -> N
     """All of it counts in a scan taken at once, a share in one that takes a turn of the head."""
     at_once = follow_scans(without_drift(circling(stop_s=10.0)), load_config())
     white = at_once.filtered.P[at_once.record[0], YAW, YAW]
-    assert at_once.first_cov[4, 4] == pytest.approx(white)
+    assert at_once.first_cov[6, 6] == pytest.approx(white)
     mission = without_drift(gn.simulate("marina", seed=1, duration_s=20.0))
     turning = follow_scans(mission, load_config())
     headings = mission.sensors["heading"].series
@@ -203,7 +212,7 @@ def test_white_noise_of_a_compass_averages_out_over_a_scan_and_no_further() -> N
     begin_s, end_s = turning.instrument.series.t[[turns.first[0], turns.last[0] - 1]]
     n = np.count_nonzero((headings.t >= begin_s) & (headings.t <= end_s))
     assert n > 100
-    assert turning.first_cov[4, 4] == pytest.approx(headings.sigma[0] ** 2 / n, rel=0.02)
+    assert turning.first_cov[6, 6] == pytest.approx(headings.sigma[0] ** 2 / n, rel=0.02)
 
 
 def with_sonar_noise(mission: Mission, **noise: float) -> Mission:
@@ -306,34 +315,74 @@ def test_between_scans_that_fill_the_time_a_walk_is_tied_to_their_means() -> Non
         assert stated == pytest.approx(expected, rel=0.12)
 
 
+def with_errors(pose: Array, misalignment: float = 0.0, compass: float = 0.0) -> Array:
+    return np.concatenate([[misalignment, compass, 0.0, 0.0], pose])
+
+
+def test_a_walk_within_scans_that_fill_the_time_is_counted_once() -> None:
+    """From mean to mean a walk goes for as long as from middle to middle, less a third of a scan;
+    counting how far either end is off its mean besides, it seemed to go longer."""
+    mission = without_drift(circling(stop_s=20.0))
+    track = follow_scans(mission, load_config())
+    beams_s = track.t[:, None] + SCAN_EVERY_S * np.array([-0.5, 0.5])
+    none = np.zeros_like(track.frame_cov)
+    t, variance = track.filtered.t, _way_variance(track.filtered, track.record)
+    track = replace(track, beams_s=beams_s, strayed=straying(t, variance, beams_s, none))
+    state = AugmentedState(len(track), track.first, track.first_cov_aligned)
+    for k in range(1, len(track)):
+        state.augment(*track.predict(k, state.newest))
+    one, n = variance[track.record[2]] - variance[track.record[1]], len(track) - 1
+    J = np.hstack([-np.eye(2), np.eye(2)])
+    for a, b in ((1, 2), (0, n)):
+        entries = np.r_[3 * a : 3 * a + 2, 3 * b : 3 * b + 2]
+        stated = J @ state.cov[np.ix_(entries, entries)] @ J.T
+        np.testing.assert_allclose(stated, (b - a - 1 / 3) * one * np.eye(2), rtol=0.05, atol=1e-6)
+    expected = state.displacement(1, 2)[1]
+    np.testing.assert_allclose(track.displacement(2)[1], expected, rtol=0.01, atol=1e-6)
+
+
+def test_what_its_headings_move_a_scan_by_stays_with_that_scan() -> None:
+    track = follow_scans(gn.simulate("marina", seed=1, duration_s=30.0), load_config())
+    none, turned = np.zeros_like(track.frame_cov), np.zeros_like(track.frame_cov)
+    turned[:] = np.diag([0.02, 0.03]) ** 2
+    of_walk, of_both = (
+        straying(track.filtered.t, track.filtered.t, track.beams_s, cov) for cov in (none, turned)
+    )
+    onward = np.hstack([np.eye(2), np.eye(2)])
+    np.testing.assert_allclose(onward @ of_both @ onward.T, onward @ of_walk @ onward.T)
+    np.testing.assert_allclose((of_both - of_walk)[:, 2:, 2:], turned)
+    assert np.all(track.strayed[1, 2:, 2:].diagonal() > 0.0)
+
+
 def test_a_compass_without_drift_is_right_again_at_the_next_scan() -> None:
     track = follow_scans(without_drift(circling(stop_s=20.0)), load_config())
-    new, _, cov = track.predict(3, np.append([0.0, 0.2], np.add(track.pose(2), [0.0, 0.0, 0.2])))
-    np.testing.assert_allclose(new[2:], track.pose(3), atol=1e-12)
-    assert new[1] == 0.0
-    assert cov[4, 4] == pytest.approx(track.white_yaw[3])
+    new, _, cov = track.predict(3, with_errors(np.add(track.pose(2), [0.0, 0.0, 0.2]), compass=0.2))
+    np.testing.assert_allclose(new[POSE], track.pose(3), atol=1e-12)
+    assert new[COMPASS] == 0.0
+    assert cov[6, 6] == pytest.approx(track.white_yaw[3])
 
 
 def test_a_compass_error_that_matches_show_is_carried_on() -> None:
     track = follow_scans(circling(), load_config())
-    last, h = np.append([0.01, 0.2], np.add(track.pose(7), [3.0, -2.0, 0.2])), 1e-6
+    last, h = with_errors(np.add(track.pose(7), [3.0, -2.0, 0.2]), 0.01, 0.2), 1e-6
     new, J, _ = track.predict(8, last)
-    assert 0.15 < wrap_angle(new[4] - track.pose(8)[2]) < 0.2
-    assert 0.15 < new[1] < 0.2
-    for axis, step in enumerate(h * np.eye(5)):
+    assert 0.15 < wrap_angle(new[6] - track.pose(8)[2]) < 0.2
+    assert 0.15 < new[COMPASS] < 0.2
+    for axis, step in enumerate(h * np.eye(7)):
         ahead, behind = (track.predict(8, last + sign * step)[0] for sign in (1, -1))
         np.testing.assert_allclose((ahead - behind) / (2 * h), J[:, axis], atol=1e-6)
 
 
 def test_without_a_compass_the_way_is_turned_too() -> None:
     track = follow_scans(circling(compass=False), load_config())
-    last, h = np.append([0.02, 0.0], track.pose(7)), 1e-6
+    last, h = with_errors(track.pose(7), 0.02), 1e-6
     new, J, _ = track.predict(8, last)
     straight = np.subtract(track.pose(8), track.pose(7))[:2]
-    np.testing.assert_allclose(new[2:4] - last[2:4], planar_rotations(0.02) @ straight)
-    for axis, step in enumerate(h * np.eye(5)[[0, 2, 3, 4]]):
+    moved = new[NORTH_EAST] - last[NORTH_EAST]
+    np.testing.assert_allclose(moved, planar_rotations(0.02) @ straight)
+    columns = [MISALIGNMENT, *range(POSE.start, POSE.stop)]
+    for column, step in zip(columns, h * np.eye(7)[columns], strict=True):
         ahead, behind = (track.predict(8, last + sign * step)[0] for sign in (1, -1))
-        column = [0, 2, 3, 4][axis]
         np.testing.assert_allclose((ahead - behind) / (2 * h), J[:, column], atol=1e-6)
 
 
