@@ -45,15 +45,20 @@ class Distortion:
         Of each echo in the scan's axes, m; m = 0 where all were taken at once.
     whole : ndarray, shape (3, m)
         Of the scan as a whole, as a match with itself would find it: x, y, yaw.
+    ends : ndarray, shape (2, 2, m)
+        Of the vehicle itself, at the first and at the last echo.
     """
 
     moved: Array
     whole: Array
+    ends: Array
 
     @property
-    def turned(self) -> Array:
-        """Those of the scan as a whole by errors of the heading, which come first, (3, m / 3)."""
-        return self.whole[:, : self.whole.shape[1] // 3]
+    def strayed(self) -> Array:
+        """Of the vehicle at the last echo from the scan as a whole, and of this from the vehicle at
+        the first, (4, m); but for what a wrong heading does to the way."""
+        whole, (first, last) = self.whole[:2], self.ends
+        return np.concatenate([last - whole, whole - first])
 
 
 def distortions(
@@ -81,9 +86,9 @@ def distortions(
     found = []
     for scan, begin, end in zip(data.scans, *bounds, strict=True):
         t = echoes.t[begin:end]
-        moved = _displacements(scan, t, motion, way_variance_m2, yaw_changes)
+        moved, ends = _displacements(scan, t, motion, way_variance_m2, yaw_changes)
         whole, _ = response(scan, scan, np.zeros(3), moved, moved, settings)
-        found.append(Distortion(moved, whole))
+        found.append(Distortion(moved, whole, ends))
     return found
 
 
@@ -102,23 +107,56 @@ def bent(
     return np.asarray(rest_a @ rest_a.T + rest_b @ rest_b.T)
 
 
+def along_north(moved: list[Array], yaw: Array) -> Array:
+    """Covariance (n, k, k) of what moves scans, in pairs (k, m) of their own axes, which yaw (n,)
+    turns: in pairs of north and east."""
+    cov = np.array([of_scan @ of_scan.T for of_scan in moved])
+    to_n = np.kron(np.eye(cov.shape[1] // 2), planar_rotations(yaw))
+    return np.asarray(to_n @ cov @ np.swapaxes(to_n, 1, 2))
+
+
+def straying(distorted: list[Distortion], yaw: Array, walked_m2: Array) -> Array:
+    """Covariance of how far a walk strays from scan to scan, north and east, m^2.
+
+    Parameters
+    ----------
+    distorted : list of Distortion
+    yaw : ndarray, shape (n,)
+    walked_m2 : ndarray, shape (n,)
+        Variance of the walk to each scan from the one before, along each axis.
+
+    Returns
+    -------
+    ndarray, shape (n, 4, 4)
+        Of the walk at the last echo of a scan from the scan on the whole, and of this from the
+        walk at the last echo of the scan before.
+    """
+    cov = along_north([d.strayed for d in distorted], yaw)
+    first, last = np.array([0.5 * np.sum(d.ends**2, axis=(1, 2)) for d in distorted]).T
+    # what lies neither within this scan nor within the one before
+    between = np.maximum(walked_m2[1:] - first[1:] - last[:-1], 0.0)
+    cov[1:, 2:, 2:] += between[:, None, None] * np.eye(2)
+    return cov
+
+
 def _displacements(
     scan: Scan,
     t: Array,
     motion: PlanarMotion,
     way_variance_m2: Array,
     yaw_changes: YawChanges,
-) -> Array:
-    """Displacements (k, 2, m) of echoes at times (k,) by the error that each piece of time adds.
+) -> tuple[Array, Array]:
+    """Displacements (k, 2, m) of echoes at times (k,) by the error that each piece of time adds,
+    and, by that of the way, of the vehicle at the first and the last of them (2, 2, m).
 
     It moves what lies beyond it, and turns it about where the vehicle then was. A scan that is
     taken at once has no such piece.
     """
     since = t - scan.t_ref
     if not np.any(since):
-        return np.zeros((len(t), 2, 0))
-    ends = min(since[0], 0.0), max(since[-1], 0.0)
-    edges = [np.linspace(0.0, end, PIECES + 1) for end in ends]
+        return np.zeros((len(t), 2, 0)), np.zeros((2, 2, 0))
+    reach = min(since[0], 0.0), max(since[-1], 0.0)
+    edges = [np.linspace(0.0, end, PIECES + 1) for end in reach]
     begin = np.concatenate([e[:-1] for e in edges])
     length = np.concatenate([np.diff(e) for e in edges])
     passed = np.clip((since[:, None] - begin) / np.where(length == 0.0, np.inf, length), 0.0, 1.0)
@@ -131,8 +169,15 @@ def _displacements(
     sigma_m = np.sqrt(np.abs(variance_m2.ravel()))
     aside = np.stack([-lever[..., 1], lever[..., 0]], axis=1)
     turned = (passed[:, None] * aside) @ sigma_yaw
-    shifted = passed * sigma_m
-    still = np.zeros_like(shifted)
+    shifted = _along_both_axes(passed * sigma_m)
+    not_by_turning = np.zeros((2, 2, turned.shape[2]))
+    ends = np.concatenate([not_by_turning, shifted[[0, -1]]], axis=2)
+    return np.concatenate([turned, shifted], axis=2), ends
+
+
+def _along_both_axes(moved: Array) -> Array:
+    """Displacements (k, 2, 2 m) along one axis or the other of so much (k, m)."""
+    still = np.zeros_like(moved)
     return np.concatenate(
-        [turned, np.stack([shifted, still], axis=1), np.stack([still, shifted], axis=1)], axis=2
+        [np.stack([moved, still], axis=1), np.stack([still, moved], axis=1)], axis=2
     )

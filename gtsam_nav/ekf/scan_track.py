@@ -17,8 +17,13 @@ from gtsam_nav.ekf.compounding import compound, tail_to_tail
 from gtsam_nav.ekf.considered import ConsideredErrors
 from gtsam_nav.ekf.constant_velocity import YAW, Filtered
 from gtsam_nav.ekf.dead_reckoning import DeadReckoned, dead_reckon
-from gtsam_nav.ekf.distortion import Distortion, distortions, walking
-from gtsam_nav.ekf.straying import straying
+from gtsam_nav.ekf.distortion import (
+    Distortion,
+    along_north,
+    distortions,
+    straying,
+    walking,
+)
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.mission import Mission, Rejection, Sensor
@@ -68,7 +73,8 @@ class ScanTrack:
         How far the position (north, east) at a scan's reference time may be off that of its beams
         on the whole, which is the scan's own, m^2.
     strayed : ndarray, shape (n, 4, 4)
-        How far the walk along a compass strays: `straying`.
+        Covariance of how far the walk along a compass strays, m^2: north and east at the last echo
+        of each scan from its echoes on the whole, and these from the last echo of the scan before.
     distortions : list of Distortion
         What errors of the motion within each scan do to it.
     match_scale_sigma : float
@@ -272,7 +278,7 @@ def follow_scans(mission: Mission, config: Config) -> ScanTrack:
     distorted = distortions(sonar, motion, way_variance, yaw_changes, pic)
     beam_s = _sonar_of(mission).series.t
     beams_s = np.stack([beam_s[turns.first], beam_s[turns.last - 1]], axis=1)
-    turned = _frame_cov([d.turned for d in distorted], reckoned.filtered, record)
+    yaw, walked = reckoned.filtered.x[record, YAW], _level_variance(reckoned.filtered)[record]
     return ScanTrack(
         mission=mission,
         start=start,
@@ -283,8 +289,8 @@ def follow_scans(mission: Mission, config: Config) -> ScanTrack:
         drift=drift,
         white_yaw=_mean_white_variance(mission, reckoned.filtered.P[record], beams_s),
         distortions=distorted,
-        frame_cov=_frame_cov([d.whole for d in distorted], reckoned.filtered, record),
-        strayed=straying(reckoned.filtered.t, way_variance, beams_s, turned),
+        frame_cov=along_north([d.whole[:2] for d in distorted], yaw),
+        strayed=straying(distorted, yaw, walked),
         match_scale_sigma=noise.scale_sigma,
         pic=pic,
         min_points=config.sonar.scans.min_points,
@@ -325,17 +331,15 @@ def _planar_motion(filtered: Filtered, record: IntArray, has_compass: bool) -> P
     return PlanarMotion(filtered.t, filtered.x[:, :2], track, position_growth, yaw_growth)
 
 
+def _level_variance(filtered: Filtered) -> Array:
+    return np.asarray(0.5 * (filtered.P[:, 0, 0] + filtered.P[:, 1, 1]))
+
+
 def _way_variance(filtered: Filtered, record: IntArray) -> Array:
     """Of the way up to each record, along each axis, but for the compass's drift, shape (r,)."""
-    level = 0.5 * (filtered.P[:, 0, 0] + filtered.P[:, 1, 1])
+    level = _level_variance(filtered)
     before = np.append(0.0, np.cumsum(level[record]))
     return np.asarray(before[np.searchsorted(record, np.arange(len(level)))] + level)
-
-
-def _frame_cov(moved: list[Array], filtered: Filtered, record: IntArray) -> Array:
-    to_n = planar_rotations(filtered.x[record, YAW])
-    cov = np.array([whole[:2] @ whole[:2].T for whole in moved])
-    return np.asarray(to_n @ cov @ np.swapaxes(to_n, 1, 2))
 
 
 def _mean_white_variance(mission: Mission, P: Array, beams_s: Array) -> Array:

@@ -94,6 +94,31 @@ def test_echoes_are_displaced_as_drawn(stated: tuple[SonarData, list[Distortion]
         assert np.mean(d2) == pytest.approx(2.0, rel=0.15)
 
 
+def test_a_vehicle_strays_from_its_scan_as_drawn() -> None:
+    """By a walk, which is at the last echo elsewhere than the scan on the whole."""
+    rng, runs, (echoes, turns, t) = np.random.default_rng(6), 1000, straight()
+    motion = way(t, np.zeros(len(t)), np.zeros((len(t), 2)))
+    data = deskewed(echoes, turns, motion)
+    distorted = distortions(data, motion, WAY_GROWTH * t, walking(0.0), SETTINGS)[1]
+    steps = rng.normal(size=(len(t), 2, runs)) * np.sqrt(WAY_GROWTH * np.diff(t)[0])
+    error = np.cumsum(steps, axis=0)[BEAMS:]
+    moved, scan = error - error[BEAMS // 2], data.scans[1]
+    whole = response(scan, scan, np.zeros(3), moved, moved, SETTINGS)[0][:2]
+    seen = np.cov(np.concatenate([moved[-1] - whole, whole - moved[0]]))
+    stated = distorted.strayed @ distorted.strayed.T
+    np.testing.assert_allclose(stated, seen, atol=0.05 * np.trace(seen))
+
+
+def test_what_its_headings_move_a_scan_by_stays_with_that_scan(
+    stated: tuple[SonarData, list[Distortion]],
+) -> None:
+    strayed = stated[1][1].strayed
+    to_last = strayed[2:] + strayed[:2]
+    np.testing.assert_allclose(
+        to_last @ to_last.T, WAY_GROWTH * SCAN_S * np.eye(2), rtol=0.01, atol=1e-9
+    )
+
+
 def test_at_its_reference_time_a_scan_is_where_it_is(
     stated: tuple[SonarData, list[Distortion]],
 ) -> None:
@@ -136,13 +161,14 @@ def test_what_moves_a_scan_as_a_whole_does_not_bend_its_matches(
 ) -> None:
     data, _ = stated
     match = register(*data.scans, np.array([9.8, 0.0, 0.0]), np.diag([0.1, 0.1, 0.01]), SETTINGS)
-    still = Distortion(np.zeros((BEAMS, 2, 3)), np.zeros((3, 3)))
+    nowhere = np.zeros((2, 2, 3))
+    still = Distortion(np.zeros((BEAMS, 2, 3)), np.zeros((3, 3)), nowhere)
     for k in (0, 1):
         xy = data.scans[k].xy
         turned = np.stack([-xy[:, 1], xy[:, 0]], axis=1)
         shifts = np.broadcast_to(np.eye(2), (len(xy), 2, 2))
         whole = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
-        moved = Distortion(np.concatenate([turned[..., None], shifts], axis=2), whole)
+        moved = Distortion(np.concatenate([turned[..., None], shifts], axis=2), whole, nowhere)
         pair = (moved, still) if k == 0 else (still, moved)
         left = bent(*data.scans, match, *pair, SETTINGS)
         assert np.sqrt(np.diag(left)).max() < 0.06
