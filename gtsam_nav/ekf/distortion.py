@@ -42,7 +42,7 @@ class Distortion:
     Attributes
     ----------
     moved : ndarray, shape (k, 2, m)
-        Of each echo in the scan's axes, m; m = 0 where all were taken at once.
+        Of each echo in the scan's axes, m; m = 0 where all scans are taken at once.
     whole : ndarray, shape (3, m)
         Of the scan as a whole, as a match with itself would find it: x, y, yaw.
     ends : ndarray, shape (2, 2, m)
@@ -53,12 +53,17 @@ class Distortion:
     whole: Array
     ends: Array
 
+    @classmethod
+    def none(cls, scan: Scan) -> Distortion:
+        """Of a scan that is taken at once."""
+        return cls(np.zeros((len(scan), 2, 0)), np.zeros((3, 0)), np.zeros((2, 2, 0)))
+
     @property
     def strayed(self) -> Array:
         """Of the vehicle at the last echo from the scan as a whole, and of this from the vehicle at
-        the first, (4, m); but for what a wrong heading does to the way."""
+        the first, (2, 2, m); but for what a wrong heading does to the way."""
         whole, (first, last) = self.whole[:2], self.ends
-        return np.concatenate([last - whole, whole - first])
+        return np.stack([last - whole, whole - first])
 
 
 def distortions(
@@ -83,19 +88,21 @@ def distortions(
     """
     echoes, turns = data.echoes, data.turns
     bounds = np.searchsorted(echoes.beam, np.stack([turns.first, turns.last]))
+    times = [echoes.t[begin:end] for begin, end in bounds.T]
+    if all(np.all(t == scan.t_ref) for t, scan in zip(times, data.scans, strict=True)):
+        return [Distortion.none(scan) for scan in data.scans]
     found = []
-    for scan, begin, end in zip(data.scans, *bounds, strict=True):
-        t = echoes.t[begin:end]
+    for scan, t in zip(data.scans, times, strict=True):
         moved, ends = _displacements(scan, t, motion, way_variance_m2, yaw_changes)
         whole, _ = response(scan, scan, np.zeros(3), moved, moved, settings)
         found.append(Distortion(moved, whole, ends))
     return found
 
 
-def bent(
+def bending(
     a: Scan, b: Scan, match: PlanarMatch, of_a: Distortion, of_b: Distortion, settings: PicSettings
-) -> Array:
-    """Covariance (3, 3) of a match of scan b to scan a by the bending of both.
+) -> tuple[Array, Array]:
+    """How a match of scan b to scan a moves by the bending of either, (3, m) both.
 
     Poses of scans are those of their echoes: what moves a scan as a whole is none of it.
     """
@@ -103,40 +110,7 @@ def bent(
     _, J_a, _ = tail_to_tail(np.zeros(3), match.q)
     J_b = np.eye(3)
     J_b[:2, :2] = planar_rotations(match.q[2])
-    rest_a, rest_b = by_a + J_a @ of_a.whole, by_b + J_b @ of_b.whole
-    return np.asarray(rest_a @ rest_a.T + rest_b @ rest_b.T)
-
-
-def along_north(moved: list[Array], yaw: Array) -> Array:
-    """Covariance (n, k, k) of what moves scans, in pairs (k, m) of their own axes, which yaw (n,)
-    turns: in pairs of north and east."""
-    cov = np.array([of_scan @ of_scan.T for of_scan in moved])
-    to_n = np.kron(np.eye(cov.shape[1] // 2), planar_rotations(yaw))
-    return np.asarray(to_n @ cov @ np.swapaxes(to_n, 1, 2))
-
-
-def straying(distorted: list[Distortion], yaw: Array, walked_m2: Array) -> Array:
-    """Covariance of how far a walk strays from scan to scan, north and east, m^2.
-
-    Parameters
-    ----------
-    distorted : list of Distortion
-    yaw : ndarray, shape (n,)
-    walked_m2 : ndarray, shape (n,)
-        Variance of the walk to each scan from the one before, along each axis.
-
-    Returns
-    -------
-    ndarray, shape (n, 4, 4)
-        Of the walk at the last echo of a scan from the scan on the whole, and of this from the
-        walk at the last echo of the scan before.
-    """
-    cov = along_north([d.strayed for d in distorted], yaw)
-    first, last = np.array([0.5 * np.sum(d.ends**2, axis=(1, 2)) for d in distorted]).T
-    # what lies neither within this scan nor within the one before
-    between = np.maximum(walked_m2[1:] - first[1:] - last[:-1], 0.0)
-    cov[1:, 2:, 2:] += between[:, None, None] * np.eye(2)
-    return cov
+    return by_a + J_a @ of_a.whole, by_b + J_b @ of_b.whole
 
 
 def _displacements(
@@ -149,12 +123,9 @@ def _displacements(
     """Displacements (k, 2, m) of echoes at times (k,) by the error that each piece of time adds,
     and, by that of the way, of the vehicle at the first and the last of them (2, 2, m).
 
-    It moves what lies beyond it, and turns it about where the vehicle then was. A scan that is
-    taken at once has no such piece.
+    It moves what lies beyond it, and turns it about where the vehicle then was.
     """
     since = t - scan.t_ref
-    if not np.any(since):
-        return np.zeros((len(t), 2, 0)), np.zeros((2, 2, 0))
     reach = min(since[0], 0.0), max(since[-1], 0.0)
     edges = [np.linspace(0.0, end, PIECES + 1) for end in reach]
     begin = np.concatenate([e[:-1] for e in edges])

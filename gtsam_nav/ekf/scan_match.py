@@ -45,14 +45,20 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         track = follow_scans(mission, config)
     with clock.stage("matching"):
         poses, covs, matches = [track.pose(0)], [track.first_cov_aligned[POSE, POSE]], []
+        # of the newest pose with the errors of the motion within its scan, which the next match
+        # meets again
+        bent = np.zeros_like(track.distortions[0].whole)
         for k in range(1, len(track)):
-            found = match_consecutive(track, k, config)
+            found, (by_last, by_new) = match_consecutive(track, k, config)
             q, cov = track.displacement(k)
+            told = np.zeros((3, 3))
             if found.accepted:
-                q, cov = completed(found.match, q, cov)
+                q, cov, told = completed(found.match, q, cov)
             pose, J_last, J_q = compound(poses[-1], q)
             poses.append(pose)
-            covs.append(J_last @ covs[-1] @ J_last.T + J_q @ cov @ J_q.T)
+            shared = J_last @ bent @ (J_q @ told @ by_last).T
+            covs.append(J_last @ covs[-1] @ J_last.T + J_q @ cov @ J_q.T + shared + shared.T)
+            bent = J_q @ told @ by_new
             matches.append(found)
             progress("scan matching", (k + 1) / len(track))
     history = PoseHistory(np.array(poses), np.array(covs))
@@ -61,25 +67,38 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     return scan_solution("scan-match", track, history, history, matches, (), clock)
 
 
-def match_consecutive(track: ScanTrack, k: int, config: Config) -> ScanMatch:
-    """Register scan k to the one before, and test the result against the dead reckoning."""
+def match_consecutive(
+    track: ScanTrack, k: int, config: Config
+) -> tuple[ScanMatch, tuple[Array, Array]]:
+    """Register scan k to the one before, and test the result against the dead reckoning.
+
+    How it answers to the errors of the motion within either is as from `register_scans`.
+    """
     prior, cov_prior = track.displacement(k)
-    match = register_scans(track, k - 1, k, prior, cov_prior, track.pic)
+    match, bends = register_scans(track, k - 1, k, prior, cov_prior, track.pic)
     if not match.ok:
-        return ScanMatch(k - 1, k, match, match.failure)
+        return ScanMatch(k - 1, k, match, match.failure), bends
     difference = match.q - prior
     difference[2] = wrap_angle(difference[2])
     whitened: Array = np.linalg.solve(np.linalg.cholesky(cov_prior + match.cov), difference)
     contradicts = whitened @ whitened > chi2_limit(config.pose_ekf.gate_probability, 3)
-    return ScanMatch(k - 1, k, match, "innovation gate" if contradicts else "", whitened)
+    return ScanMatch(k - 1, k, match, "innovation gate" if contradicts else "", whitened), bends
 
 
-def completed(match: PlanarMatch, prior: Array, cov_prior: Array) -> tuple[Array, Array]:
-    """A match, and in directions that the scans do not tell what dead reckoning knows."""
+def completed(match: PlanarMatch, prior: Array, cov_prior: Array) -> tuple[Array, Array, Array]:
+    """A match, and in directions that the scans do not tell what dead reckoning knows.
+
+    Returns
+    -------
+    q : ndarray, shape (3,)
+    cov : ndarray, shape (3, 3)
+    told : ndarray, shape (3, 3)
+        How q follows the match.
+    """
     if not len(match.unobserved):
-        return match.q, match.cov
+        return match.q, match.cov, np.eye(3)
     difference = match.q - prior
     difference[2] = wrap_angle(difference[2])
-    gain = np.linalg.solve(cov_prior + match.cov, cov_prior).T
+    gain = np.asarray(np.linalg.solve(cov_prior + match.cov, cov_prior).T)
     cov = cov_prior - gain @ cov_prior
-    return prior + gain @ difference, 0.5 * (cov + cov.T)
+    return prior + gain @ difference, 0.5 * (cov + cov.T), gain

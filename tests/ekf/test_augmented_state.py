@@ -24,16 +24,16 @@ def covariance(rng: np.random.Generator, scale: Array | float = 1.0) -> Array:
 
 def beginning(n: int, pose: Array, cov: Array, scale_sigma: float = 0.0) -> AugmentedState:
     """Of a motion without errors."""
-    return AugmentedState(n, np.append(np.zeros(4), pose), padded(cov), scale_sigma)
+    return AugmentedState(n, np.append(np.zeros(2), pose), padded(cov), scale_sigma)
 
 
 def padded(block: Array) -> Array:
     """Of a pose, among the errors of the motion."""
-    return np.pad(block, ((4, 0), (4, 0)))
+    return np.pad(block, ((2, 0), (2, 0)))
 
 
 def augment(state: AugmentedState, pose: Array, J_last: Array, cov_added: Array) -> None:
-    state.augment(np.append(np.zeros(4), pose), padded(J_last), padded(cov_added))
+    state.augment(np.append(np.zeros(2), pose), padded(J_last), padded(cov_added))
 
 
 def some_state(rng: np.random.Generator, n: int) -> AugmentedState:
@@ -212,32 +212,30 @@ def test_the_scale_is_estimated_with_the_poses_as_by_least_squares() -> None:
 
 
 def test_errors_of_the_motion_are_estimated_with_the_poses_as_with_dense_matrices() -> None:
-    """All ways are turned by one angle, and by what is left of another that forgets itself; what
-    has strayed by the end of a scan starts the next way."""
+    """All ways are turned by one angle, and by what is left of another that forgets itself."""
     rng = np.random.default_rng(3)
     n, R = 8, np.diag([0.05, 0.05, 0.01]) ** 2
     first_cov = covariance(np.random.default_rng(5), 1.0)
-    P = np.diag([0.03, 0.1, 0.05, 0.05, 0.1, 0.1, 0.02]) ** 2
-    P[4:, 4:] += 1e-3 * first_cov
-    x = np.zeros(7)
+    P = np.diag([0.03, 0.1, 0.1, 0.1, 0.02]) ** 2
+    P[2:, 2:] += 1e-3 * first_cov
+    x = np.zeros(5)
     state = AugmentedState(n, x, P)
     for k in range(1, n):
-        J = np.eye(7)
-        J[2:4, 2:4], J[4:6, 2:4] = 0.0, np.eye(2)
-        J[1, 1], J[5, :2], J[6, 1] = 0.7, 2.0, 0.5
-        added = 1e-3 * np.pad(covariance(rng), ((2, 2), (2, 2)))
-        new = J @ state.newest + [0.0, 0.0, 0.0, 0.0, 2.0, 0.0, 0.0]
+        J = np.eye(5)
+        J[1, 1], J[3, :2], J[4, 1] = 0.7, 2.0, 0.5
+        added = 1e-3 * np.pad(covariance(rng), ((1, 1), (1, 1)))
+        new = J @ state.newest + [0.0, 0.0, 2.0, 0.0, 0.0]
         # dense: the errors stand first, then all poses
-        old = np.r_[:4, len(x) - 3 : len(x)]
+        old = np.r_[0, 1, len(x) - 3 : len(x)]
         F = np.zeros((len(x) + 3, len(x)))
-        F[4 : len(x), 4:] = np.eye(len(x) - 4)
-        into = np.r_[:4, len(x) : len(x) + 3]
+        F[2 : len(x), 2:] = np.eye(len(x) - 2)
+        into = np.r_[0, 1, len(x) : len(x) + 3]
         F[np.ix_(into, old)] = J
-        x, P = np.append(x, new[4:]), F @ P @ F.T
-        x[:4] = new[:4]
+        x, P = np.append(x, new[2:]), F @ P @ F.T
+        x[:2] = new[:2]
         P[np.ix_(into, into)] += added
         state.augment(new, J, added)
-        a, b = slice(3 * k + 1, 3 * k + 4), slice(3 * k + 4, 3 * k + 7)
+        a, b = slice(3 * k - 1, 3 * k + 2), slice(3 * k + 2, 3 * k + 5)
         expected, J_a, J_b = tail_to_tail(x[a], x[b])
         H = np.zeros((3, len(x)))
         H[:, a], H[:, b] = J_a, J_b
@@ -245,5 +243,5 @@ def test_errors_of_the_motion_are_estimated_with_the_poses_as_with_dense_matrice
         K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
         x, P = x + K @ innovation, P - K @ H @ P
         state.update(k - 1, k, expected + innovation, R, np.inf)
-        np.testing.assert_allclose(state.newest, np.append(x[:4], x[-3:]), atol=1e-9)
-    np.testing.assert_allclose(state.cov, P[4:, 4:], atol=1e-9)
+        np.testing.assert_allclose(state.newest, np.append(x[:2], x[-3:]), atol=1e-9)
+    np.testing.assert_allclose(state.cov, P[2:, 2:], atol=1e-9)
