@@ -7,6 +7,8 @@ wanders within the scans adds up over the chain, where dead reckoning forgets it
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from gtsam_nav.config import Config
@@ -19,6 +21,32 @@ from gtsam_nav.mission import Mission
 from gtsam_nav.registration.result import PlanarMatch
 from gtsam_nav.sensors.prediction import chi2_limit
 from gtsam_nav.solution import Progress, Solution, StageClock
+
+
+@dataclass(frozen=True)
+class ChainEnd:
+    """The newest scan of a chain.
+
+    Attributes
+    ----------
+    pose : ndarray, shape (3,)
+    cov : ndarray, shape (3, 3)
+    bent : ndarray, shape (3, m)
+        Covariance of the pose with the errors, of unit variance, of the motion within the scan,
+        which the next match meets again.
+    """
+
+    pose: Array
+    cov: Array
+    bent: Array
+
+    def followed_by(self, q: Array, cov: Array, by_last: Array, by_new: Array) -> ChainEnd:
+        """The next scan by a displacement q (3,) with its covariance (3, 3), and how it answers to
+        the errors within this scan and within the next, (3, m) both, which cov counts."""
+        pose, J_last, J_q = compound(self.pose, q)
+        shared = J_last @ self.bent @ (J_q @ by_last).T
+        independent = J_last @ self.cov @ J_last.T + J_q @ cov @ J_q.T
+        return ChainEnd(pose, independent + shared + shared.T, J_q @ by_new)
 
 
 def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
@@ -44,24 +72,18 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     with clock.stage("scans"):
         track = follow_scans(mission, config)
     with clock.stage("matching"):
-        poses, covs, matches = [track.pose(0)], [track.first_cov_aligned[POSE, POSE]], []
-        # of the newest pose with the errors of the motion within its scan, which the next match
-        # meets again
         bent = np.zeros_like(track.distortions[0].whole)
+        ends, matches = [ChainEnd(track.pose(0), track.first_cov_aligned[POSE, POSE], bent)], []
         for k in range(1, len(track)):
             found, (by_last, by_new) = match_consecutive(track, k, config)
             q, cov = track.displacement(k)
             told = np.zeros((3, 3))
             if found.accepted:
                 q, cov, told = completed(found.match, q, cov)
-            pose, J_last, J_q = compound(poses[-1], q)
-            poses.append(pose)
-            shared = J_last @ bent @ (J_q @ told @ by_last).T
-            covs.append(J_last @ covs[-1] @ J_last.T + J_q @ cov @ J_q.T + shared + shared.T)
-            bent = J_q @ told @ by_new
+            ends.append(ends[-1].followed_by(q, cov, told @ by_last, told @ by_new))
             matches.append(found)
             progress("scan matching", (k + 1) / len(track))
-    history = PoseHistory(np.array(poses), np.array(covs))
+    history = PoseHistory(np.array([e.pose for e in ends]), np.array([e.cov for e in ends]))
     way = history.poses[:, :2] - history.poses[0, :2]
     history.covs[:, :2, :2] += track.match_scale_sigma**2 * way[:, :, None] * way[:, None]
     return scan_solution("scan-match", track, history, history, matches, (), clock)

@@ -11,12 +11,13 @@ import pytest
 import gtsam_nav as gn
 from gtsam_nav.config import Config, load_config
 from gtsam_nav.ekf.augmented_state import AugmentedState
+from gtsam_nav.ekf.compounding import compound
 from gtsam_nav.ekf.considered import ConsideredErrors, with_considered
 from gtsam_nav.ekf.constant_velocity import YAW
 from gtsam_nav.ekf.dead_reckoning import dead_reckon, filtered_trajectory
 from gtsam_nav.ekf.distortion import Distortion
 from gtsam_nav.ekf.pose_slam import PoseFilter, estimated_scale_sigma, loop_candidates
-from gtsam_nav.ekf.scan_match import completed, match_consecutive
+from gtsam_nav.ekf.scan_match import ChainEnd, completed, match_consecutive
 from gtsam_nav.ekf.scan_solution import _bridge, _turned
 from gtsam_nav.ekf.scan_track import (
     COMPASS,
@@ -624,3 +625,21 @@ def test_a_yaw_that_is_unsure_makes_the_velocity_unsure(method: str) -> None:
     assert trajectory.sigma_v_n is not None
     across = np.linalg.norm(trajectory.sigma_v_n[:, :2], axis=1)
     assert np.all(across >= 0.999 * SPEED_M_S * trajectory.sigma_rpy[:, 2])
+
+
+def test_matches_of_one_scan_share_how_it_is_bent() -> None:
+    """As with all errors side by side: what the last match has of them the next one has too."""
+    rng, m = np.random.default_rng(2), 4
+    end = ChainEnd(rng.normal(size=3), np.diag([0.1, 0.2, 0.05]) ** 2, np.zeros((3, m)))
+    # how the pose answers to its own start and to the errors within every scan so far
+    answers = np.hstack([np.linalg.cholesky(end.cov), np.zeros((3, m))])
+    for _ in range(4):
+        q, own = rng.normal(size=3), 0.05 * rng.normal(size=(3, 3))
+        by_last, by_new = 0.05 * rng.normal(size=(2, 3, m))
+        _, J_last, J_q = compound(end.pose, q)
+        answers = J_last @ answers
+        answers[:, -m:] += J_q @ by_last
+        answers = np.hstack([answers[:, :-m], J_q @ own, answers[:, -m:], J_q @ by_new])
+        cov = own @ own.T + by_last @ by_last.T + by_new @ by_new.T
+        end = end.followed_by(q, cov, by_last, by_new)
+        np.testing.assert_allclose(end.cov, answers @ answers.T)
