@@ -160,9 +160,9 @@ class ScanTrack:
         return np.asarray(cov + J @ errors @ J.T)
 
     def _strayed(self, k: int) -> tuple[Array, Array]:
-        """What errors within scan k do to north and east, (2, m) both: at its last echo from the
-        scan on the whole, and of this from its first echo."""
-        onward, reached = planar_rotations(self.pose(k)[2]) @ self.distortions[k].strayed
+        """How north and east (2, m) are put right by the errors within scan k: onward from the scan
+        on the whole to its last echo, and from its first echo to the scan on the whole."""
+        onward, reached = -planar_rotations(self.pose(k)[2]) @ self.distortions[k].strayed
         return onward, reached
 
     def _turning(self, way: Array) -> Array:
@@ -236,8 +236,8 @@ class ScanTrack:
         on_the_way, here_off, new[COMPASS] = kept @ known
         way = planar_rotations(on_the_way + turned) @ (here[:2] - before[:2])
         onward, reached = self._strayed(k - 1)[0], self._strayed(k)[1]
-        led = pose[:2] + onward @ last[WITHIN]
-        new[POSE] = np.append(led + way, wrap_angle(here[2] + here_off))
+        start = pose[:2] + onward @ last[WITHIN]
+        new[POSE] = np.append(start + way, wrap_angle(here[2] + here_off))
         turning = self._turning(way)
         J[NORTH_EAST, NORTH_EAST], J[NORTH_EAST, WITHIN] = np.eye(2), onward
         J[:, MISALIGNMENT] += turning[:, 0]

@@ -10,6 +10,7 @@ import pytest
 import gtsam_nav as gn
 from gtsam_nav.config import load_config
 from gtsam_nav.ekf.compounding import compound, inverse, tail_to_tail
+from gtsam_nav.ekf.constant_velocity import YAW
 from gtsam_nav.ekf.distortion import Distortion, bending, distortions, walking
 from gtsam_nav.ekf.scan_match import match_consecutive
 from gtsam_nav.ekf.scan_track import ScanTrack, follow_scans
@@ -23,7 +24,7 @@ from gtsam_nav.simulation.settings import SimulationSettings
 from gtsam_nav.sonar.echoes import Echoes
 from gtsam_nav.sonar.motion import PlanarMotion
 from gtsam_nav.sonar.preparation import SonarData, deskewed
-from gtsam_nav.sonar.scans import Turns
+from gtsam_nav.sonar.scans import Turns, planar_rotations
 
 SETTINGS = PicSettings(floor_xy_m=0.0, floor_yaw_deg=0.0)
 SCAN_S, BEAMS = 14.0, 200
@@ -199,14 +200,48 @@ def test_matches_are_as_wrong_as_stated() -> None:
     assert np.mean(without) > 1.5
 
 
-def poses_of_beams(mission: Mission, track: ScanTrack) -> Array:
-    """True poses of what the scans are, put together by a motion that is not quite right."""
+def test_errors_within_scans_mend_the_way_between_them() -> None:
+    """As told by the echoes that they displaced, with headings put right on the way."""
+    mission = gn.simulate(
+        "marina", seed=100, duration_s=110.0, settings=SimulationSettings.matched()
+    )
+    track = follow_scans(mission, load_config(None, ["gnss.use=none"]))
+    poses, exact = poses_of_beams(mission, track), exact_motion(mission)
+    within = []
+    for scan, true, distortion in zip(
+        track.sonar.scans,
+        deskewed(track.sonar.echoes, track.sonar.turns, exact).scans,
+        track.distortions,
+        strict=True,
+    ):
+        displaced, J = (scan.xy - true.xy).ravel(), distortion.moved.reshape(2 * len(scan), -1)
+        # beside the noise of single headings
+        cov = J @ J.T + 0.3**2 * np.eye(len(displaced))
+        within.append(J.T @ np.linalg.solve(cov, displaced))
+    off = np.interp(track.filtered.t, exact.t, exact.yaw) - track.filtered.x[:, YAW]
+    steps = np.diff(track.filtered.x[:, :2], axis=0)
+    turned = np.einsum("nij,nj->ni", planar_rotations(off[:-1]), steps)
+    way = np.concatenate([np.zeros((1, 2)), np.cumsum(turned, axis=0)])[track.record]
+    stated, seen = [], []
+    for k in range(2, len(track)):
+        onward, reached = track._strayed(k - 1)[0], track._strayed(k)[1]
+        stated.append(onward @ within[k - 1] + reached @ within[k])
+        seen.append(poses[k, :2] - poses[k - 1, :2] - way[k] + way[k - 1])
+    assert np.corrcoef(np.ravel(stated), np.ravel(seen))[0, 1] > 0.5
+
+
+def exact_motion(mission: Mission) -> PlanarMotion:
     reference = mission.reference
     assert reference is not None
     assert isinstance(reference.series, ReferenceSeries)
     assert reference.series.rpy is not None
     yaw = np.unwrap(reference.series.rpy[:, 2])
-    motion = PlanarMotion(reference.series.t, reference.series.p_n[:, :2], yaw, 0.0, 0.0)
+    return PlanarMotion(reference.series.t, reference.series.p_n[:, :2], yaw, 0.0, 0.0)
+
+
+def poses_of_beams(mission: Mission, track: ScanTrack) -> Array:
+    """True poses of what the scans are, put together by a motion that is not quite right."""
+    motion = exact_motion(mission)
     exact = deskewed(track.sonar.echoes, track.sonar.turns, motion)
     ne, yaw = motion.at(track.t)
     poses = []
