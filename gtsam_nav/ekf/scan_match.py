@@ -102,7 +102,9 @@ def match_consecutive(
         return ScanMatch(k - 1, k, match, match.failure), bends
     difference = match.q - prior
     difference[2] = wrap_angle(difference[2])
-    whitened: Array = np.linalg.solve(np.linalg.cholesky(cov_prior + match.cov), difference)
+    shared = track.shared_with_match(k, *bends)
+    S = cov_prior + match.cov + shared + shared.T
+    whitened: Array = np.linalg.solve(np.linalg.cholesky(S), difference)
     contradicts = whitened @ whitened > chi2_limit(config.pose_ekf.gate_probability, 3)
     return ScanMatch(k - 1, k, match, "innovation gate" if contradicts else "", whitened), bends
 

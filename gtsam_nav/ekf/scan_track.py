@@ -260,7 +260,21 @@ class ScanTrack:
             relative = np.array([[-1.0, 0.0, 1.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 1.0, 0.0]])
             turning = self._turning(here[:2] - before[:2])[POSE, :2] @ relative
             cov += turning @ self._compass_errors[k - 1] @ turning.T
-        return q, J_here @ cov @ J_here.T
+        constant = ConsideredErrors.of(self.mission)
+        along, aside = constant.scale * q[:2], constant.misalignment * q[1::-1] * [-1.0, 1.0]
+        cov = J_here @ cov @ J_here.T
+        cov[:2, :2] += np.outer(along, along) + np.outer(aside, aside)
+        return q, cov
+
+    def shared_with_match(self, k: int, by_before: Array, by_here: Array) -> Array:
+        """Covariance (3, 3) of what `displacement` lacks with a match that answers so, (3, m) both,
+        to the errors within the scan before and within scan k."""
+        shared = np.zeros((3, 3))
+        if self.drift is not None:
+            from_n = planar_rotations(self.pose(k - 1)[2]).T
+            onward, reached = self._strayed(k - 1)[0], self._strayed(k)[1]
+            shared[:2] = from_n @ (onward @ by_before.T + reached @ by_here.T)
+        return shared
 
 
 def follow_scans(mission: Mission, config: Config) -> ScanTrack:

@@ -40,6 +40,7 @@ from gtsam_nav.series import (
     Series,
 )
 from gtsam_nav.simulation.processes import gauss_markov
+from gtsam_nav.simulation.settings import SimulationSettings
 from gtsam_nav.solution import Solution
 from gtsam_nav.sonar.defects import WHOLE_SENSOR
 from gtsam_nav.sonar.scans import planar_rotations
@@ -322,7 +323,10 @@ def with_errors(pose: Array, misalignment: float = 0.0, compass: float = 0.0) ->
 def test_a_walk_within_scans_that_fill_the_time_is_counted_once() -> None:
     """From mean to mean a walk goes for as long as from middle to middle, less a third of a scan;
     counting how far either end is off its mean besides, it seemed to go longer."""
-    track = follow_scans(without_drift(circling(stop_s=20.0)), load_config())
+    mission = without_drift(circling(stop_s=20.0))
+    precise = {"scale_sigma": 0.0, "misalignment_sigma_deg": 0.0}
+    odometry = replace(mission.sensors["odometry"], noise=precise)
+    track = follow_scans(mission.with_sensor(odometry), load_config())
     one, n = float(track.walked[track.record[2], 0, 0]), len(track) - 1
     # at the end from the mean, and of the mean from the begin: a third each, and a sixth shared
     onward, reached = np.linalg.cholesky([[1 / 3, 1 / 6], [1 / 6, 1 / 3]]) * np.sqrt(one)
@@ -643,3 +647,30 @@ def test_matches_of_one_scan_share_how_it_is_bent() -> None:
         cov = own @ own.T + by_last @ by_last.T + by_new @ by_new.T
         end = end.followed_by(q, cov, by_last, by_new)
         np.testing.assert_allclose(end.cov, answers @ answers.T)
+
+
+def test_constant_errors_of_the_velocity_make_a_displacement_unsure() -> None:
+    mission = circling(stop_s=10.0)
+    errors = ConsideredErrors.of(mission)
+    precise = {"scale_sigma": 0.0, "misalignment_sigma_deg": 0.0}
+    exact = mission.with_sensor(replace(mission.sensors["odometry"], noise=precise))
+    (q, cov), (_, without) = (
+        follow_scans(m, load_config()).displacement(2) for m in (mission, exact)
+    )
+    length, unit = np.linalg.norm(q[:2]), q[:2] / np.linalg.norm(q[:2])
+    added = (cov - without)[:2, :2]
+    np.testing.assert_allclose(np.sqrt(unit @ added @ unit), errors.scale * length, rtol=1e-3)
+    expected = (errors.scale**2 + errors.misalignment**2) * length**2
+    assert np.trace(added) == pytest.approx(expected, rel=1e-3)
+
+
+def test_the_chain_tests_a_match_as_the_filter_does() -> None:
+    """With what dead reckoning and match share: how errors within the scans stray and bend."""
+    mission = gn.simulate("marina", 1, duration_s=45.0, settings=SimulationSettings.matched())
+    config = load_config(None, ["gnss.use=none", "pose_ekf.association=mean"])
+    track = follow_scans(mission, config)
+    pose_filter = PoseFilter(track, config)
+    pose_filter.add_scan(1)
+    found, bends = match_consecutive(track, 1, config)
+    assert found.nis == pytest.approx(pose_filter.matches[0].nis, rel=0.03)
+    assert np.abs(track.shared_with_match(1, *bends)).max() > 1e-4
