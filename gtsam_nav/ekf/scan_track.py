@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from gtsam_nav.config import Config
-from gtsam_nav.ekf.compass_drift import CompassDrift
+from gtsam_nav.ekf.compass_drift import CompassDrift, mean_white_variance
 from gtsam_nav.ekf.compounding import compound, tail_to_tail
 from gtsam_nav.ekf.considered import ConsideredErrors
 from gtsam_nav.ekf.constant_velocity import YAW, Filtered
@@ -25,7 +25,6 @@ from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.preprocess.alignment import Alignment, align
 from gtsam_nav.registration.settings import PicSettings
 from gtsam_nav.sensors.noise import SonarNoise
-from gtsam_nav.sensors.orientation import headings_true
 from gtsam_nav.series import IntArray
 from gtsam_nav.sonar.preparation import (
     SonarData,
@@ -313,7 +312,7 @@ def follow_scans(mission: Mission, config: Config) -> ScanTrack:
         record=record,
         beams_s=beams_s,
         drift=drift,
-        white_yaw=_mean_white_variance(mission, reckoned.filtered.P[record], beams_s),
+        white_yaw=mean_white_variance(mission, reckoned.filtered.P[record, YAW, YAW], beams_s),
         distortions=distorted,
         frame_cov=_frame_cov(distorted, reckoned.filtered, record),
         between=between_scans_variance(distorted, reckoned.filtered, record),
@@ -349,19 +348,3 @@ def _frame_cov(distorted: list[Distortion], filtered: Filtered, record: IntArray
     to_n = planar_rotations(filtered.x[record, YAW])
     cov = np.array([d.whole[:2] @ d.whole[:2].T for d in distorted])
     return np.asarray(to_n @ cov @ np.swapaxes(to_n, 1, 2))
-
-
-def _mean_white_variance(mission: Mission, P: Array, beams_s: Array) -> Array:
-    """Variance (n,) of the mean of a compass's white noise over the beams of each scan, rad^2.
-
-    At the most what the filter's covariances P at the scans' reference times say of one instant.
-    """
-    headings = headings_true(mission)
-    if headings is None:
-        return np.zeros(len(beams_s))
-    begin = np.searchsorted(headings.t, beams_s[:, 0])
-    end = np.searchsorted(headings.t, beams_s[:, 1], side="right")
-    summed = np.append(0.0, np.cumsum(headings.sigma**2))
-    inside, of_one = np.maximum(end - begin, 1), P[:, YAW, YAW]
-    of_mean = (summed[end] - summed[begin]) / inside**2
-    return np.asarray(np.where(inside < 2, of_one, np.minimum(of_one, of_mean)))
