@@ -15,7 +15,7 @@ from gtsam_nav.config import Config
 from gtsam_nav.ekf.compounding import compound
 from gtsam_nav.ekf.scan_registration import ScanMatch, register_scans
 from gtsam_nav.ekf.scan_solution import PoseHistory, scan_solution
-from gtsam_nav.ekf.scan_track import POSE, ScanTrack, follow_scans
+from gtsam_nav.ekf.scan_track import POSE, WITHIN, ScanTrack, follow_scans
 from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.mission import Mission
 from gtsam_nav.registration.result import PlanarMatch
@@ -72,8 +72,8 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     with clock.stage("scans"):
         track = follow_scans(mission, config)
     with clock.stage("matching"):
-        bent = np.zeros_like(track.distortions[0].whole)
-        ends, matches = [ChainEnd(track.pose(0), track.first_cov_aligned[POSE, POSE], bent)], []
+        cov = track.first_cov_aligned
+        ends, matches = [ChainEnd(track.pose(0), cov[POSE, POSE], cov[POSE, WITHIN])], []
         for k in range(1, len(track)):
             found, (by_last, by_new) = match_consecutive(track, k, config)
             q, cov = track.displacement(k)

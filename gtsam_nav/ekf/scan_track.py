@@ -151,6 +151,11 @@ class ScanTrack:
         cov[POSE, POSE] = self.walked[first]
         if self.drift is None:
             return cov
+        # the walk leads to the scan on the whole, not to its reference time
+        reached = self._strayed(0)[1]
+        within = 0.5 * float(np.sum(self.distortions[0].ends[0] ** 2))
+        cov[NORTH_EAST, NORTH_EAST] += reached @ reached.T - within * np.eye(2)
+        cov[NORTH_EAST, WITHIN], cov[WITHIN, NORTH_EAST] = reached, reached.T
         t, ne = self.filtered.t, self.filtered.x[:, :2]
         beams_s = self.beams_s[0]
         spans_s = np.stack([t[[0, first]], beams_s, beams_s[[1, 1]]])

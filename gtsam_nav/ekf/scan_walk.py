@@ -27,10 +27,14 @@ def planar_motion(filtered: Filtered, record: IntArray, has_compass: bool) -> Pl
 
 
 def way_variance(filtered: Filtered, record: IntArray) -> Array:
-    """Of the way up to each record, along each axis, but for the compass's drift, shape (r,)."""
+    """Of the way up to each record, along each axis, but for the compass's drift, shape (r,).
+
+    A walk does not shrink: what a velocity that comes back tells of the way before counts there.
+    """
     level = _level_variance(filtered)
     before = np.append(0.0, np.cumsum(level[record]))
-    return np.asarray(before[np.searchsorted(record, np.arange(len(level)))] + level)
+    variance = before[np.searchsorted(record, np.arange(len(level)))] + level
+    return np.asarray(np.minimum.accumulate(variance[::-1])[::-1])
 
 
 def between_scans_variance(

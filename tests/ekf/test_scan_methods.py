@@ -24,6 +24,7 @@ from gtsam_nav.ekf.scan_track import (
     MISALIGNMENT,
     NORTH_EAST,
     POSE,
+    WITHIN,
     ScanTrack,
     follow_scans,
 )
@@ -343,6 +344,20 @@ def test_a_walk_within_scans_that_fill_the_time_is_counted_once() -> None:
         np.testing.assert_allclose(stated, (b - a - 1 / 3) * one * np.eye(2), atol=1e-9)
     expected = state.displacement(1, 2)[1]
     np.testing.assert_allclose(track.displacement(2)[1], expected, rtol=0.01, atol=1e-6)
+
+
+def test_the_first_scan_is_on_the_whole_where_the_walk_has_led_to_it() -> None:
+    """Up to its first echo the walk is no part of the scan; then it is the scan's own."""
+    mission = without_drift(gn.simulate("marina", seed=1, duration_s=30.0))
+    track = follow_scans(mission, load_config())
+    cov, (_, reached) = track.first_cov_aligned, track._strayed(0)
+    back = np.zeros((2, len(cov)))
+    back[:, NORTH_EAST], back[:, WITHIN] = np.eye(2), -reached
+    np.testing.assert_allclose(back @ cov @ back.T, track.between[0] * np.eye(2), atol=1e-4)
+    to_reference = planar_rotations(track.pose(0)[2]) @ track.distortions[0].whole[:2]
+    back[:, WITHIN] = to_reference
+    walked = track.walked[track.record[0], :2, :2]
+    np.testing.assert_allclose(back @ cov @ back.T, walked, atol=1e-4)
 
 
 def test_a_compass_without_drift_is_right_again_at_the_next_scan() -> None:
