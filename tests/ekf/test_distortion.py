@@ -20,7 +20,7 @@ from gtsam_nav.registration.pic import register
 from gtsam_nav.registration.response import response
 from gtsam_nav.registration.settings import PicSettings
 from gtsam_nav.series import ReferenceSeries
-from gtsam_nav.simulation.settings import SimulationSettings
+from gtsam_nav.simulation.settings import DvlSimulation, SimulationSettings
 from gtsam_nav.sonar.echoes import Echoes
 from gtsam_nav.sonar.motion import PlanarMotion
 from gtsam_nav.sonar.preparation import SonarData, deskewed
@@ -202,9 +202,11 @@ def test_matches_are_as_wrong_as_stated() -> None:
 
 def test_errors_within_scans_mend_the_way_between_them() -> None:
     """As told by the echoes that they displaced, with headings put right on the way."""
-    mission = gn.simulate(
-        "marina", seed=100, duration_s=110.0, settings=SimulationSettings.matched()
+    noisy = DvlSimulation(
+        sigma_m_s=0.2, dropouts_per_min=0.0, scale_sigma=0.0, misalignment_sigma_deg=0.0
     )
+    settings = SimulationSettings.matched().model_copy(update={"dvl": noisy})
+    mission = gn.simulate("marina", seed=100, duration_s=200.0, settings=settings)
     track = follow_scans(mission, load_config(None, ["gnss.use=none"]))
     poses, exact = poses_of_beams(mission, track), exact_motion(mission)
     within = []
@@ -227,7 +229,7 @@ def test_errors_within_scans_mend_the_way_between_them() -> None:
         onward, reached = track._strayed(k - 1)[0], track._strayed(k)[1]
         stated.append(onward @ within[k - 1] + reached @ within[k])
         seen.append(poses[k, :2] - poses[k - 1, :2] - way[k] + way[k - 1])
-    assert np.corrcoef(np.ravel(stated), np.ravel(seen))[0, 1] > 0.5
+    assert np.corrcoef(np.ravel(stated), np.ravel(seen))[0, 1] > 0.3
 
 
 def exact_motion(mission: Mission) -> PlanarMotion:
