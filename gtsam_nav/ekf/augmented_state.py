@@ -2,8 +2,9 @@
 
 Mallios et al. 2014, section 4.3; and ahead of them what the paper takes for zero: the share by
 which the ways between matched scans are too short, the angle by which dead-reckoned ones must be
-turned, and that by which the compass must be at the end of the newest scan. A measurement is of two
-poses and the first, so that an update costs one pass over the covariance: three columns of
+turned, that by which the compass must be at the end of the newest scan, and the errors of the
+motion within that scan and the one before, which all their matches share. A measurement is of two
+poses and of these, so that an update costs one pass over the covariance: three columns of
 ``P H'``, and a correction of rank six.
 """
 
@@ -16,8 +17,8 @@ from gtsam_nav.errors import EstimationError
 from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.series import IntArray
 
-SCALE, MOTION, SHARED = 0, slice(1, 3), 3
-"""Entries of the scale of matches and of the errors of the motion, and how many there are."""
+SCALE, TURNED, WITHIN = 0, slice(1, 3), 3
+"""Entries of the scale of matches, of both angles, and from where on errors within scans stand."""
 LEAST_CONDITION = 1e-12
 """Of an innovation covariance, smallest over largest variance, that can still be inverted."""
 
@@ -29,15 +30,17 @@ class AugmentedState:
     ----------
     capacity : int
         Scans that will be added.
-    first : ndarray, shape (5,)
-        Both errors of the motion, and the pose of the first scan.
-    cov : ndarray, shape (5, 5)
+    first : ndarray, shape (m + 5,)
+        Errors of the motion (misalignment, compass, m within the scan) and pose of the first scan.
+    cov : ndarray, shape (m + 5, m + 5)
     scale_sigma : float
         Spread of the share by which the ways between matched scans are too short.
     """
 
     def __init__(self, capacity: int, first: Array, cov: Array, scale_sigma: float = 0.0) -> None:
-        size = SHARED + 3 * capacity
+        self._m = len(first) - 5
+        self._shared = WITHIN + 2 * self._m
+        size = self._shared + 3 * capacity
         self._x, self._P = np.zeros(size), np.zeros((size, size))
         self._P[SCALE, SCALE] = scale_sigma**2
         self._n = 1
@@ -50,17 +53,18 @@ class AugmentedState:
     @property
     def poses(self) -> Array:
         """Shape (n, 3), a copy."""
-        return self._x[SHARED : self._size].reshape(-1, 3).copy()
+        return self._x[self._shared : self._size].reshape(-1, 3).copy()
 
     @property
     def newest(self) -> Array:
-        """Both errors of the motion, and the newest pose, shape (5,), a copy."""
+        """Errors of the motion, and the newest pose, shape (m + 5,), a copy."""
         return self._x[self._moving]
 
     @property
     def cov(self) -> Array:
         """Joint covariance of all poses, shape (3 n, 3 n), a copy."""
-        return self._P[SHARED : self._size, SHARED : self._size].copy()
+        known = slice(self._shared, self._size)
+        return self._P[known, known].copy()
 
     @property
     def marginals(self) -> Array:
@@ -69,12 +73,12 @@ class AugmentedState:
 
     def marginal(self, k: int) -> Array:
         """Covariance of pose k, shape (3, 3)."""
-        return self._P[_of(k), _of(k)].copy()
+        return self._P[self._of(k), self._of(k)].copy()
 
     def displacement(self, a: int, b: int) -> tuple[Array, Array]:
         """Pose b in pose a (3,), and its covariance (3, 3)."""
-        q, J_a, J_b = tail_to_tail(self._x[_of(a)], self._x[_of(b)])
-        J, entries = np.hstack([J_a, J_b]), np.r_[_of(a), _of(b)]
+        q, J_a, J_b = tail_to_tail(self._x[self._of(a)], self._x[self._of(b)])
+        J, entries = np.hstack([J_a, J_b]), np.r_[self._of(a), self._of(b)]
         return q, J @ self._P[np.ix_(entries, entries)] @ J.T
 
     def augment(self, new: Array, J: Array, cov_added: Array) -> None:
@@ -82,13 +86,16 @@ class AugmentedState:
 
         Parameters
         ----------
-        new : ndarray, shape (5,)
-            Both errors of the motion, and the pose of the scan, as predicted from the newest.
-        J : ndarray, shape (5, 5)
+        new : ndarray, shape (m + 5,)
+            Errors of the motion, and pose of the scan, as predicted from the newest.
+        J : ndarray, shape (m + 5, m + 5)
             Jacobian of the prediction.
-        cov_added : ndarray, shape (5, 5)
+        cov_added : ndarray, shape (m + 5, m + 5)
             What the prediction's own noise adds.
         """
+        self._x[self._within_last] = self._x[self._within]
+        self._P[self._within_last, :] = self._P[self._within, :]
+        self._P[:, self._within_last] = self._P[:, self._within]
         moving, known = self._moving, slice(0, self._size)
         shared = J @ self._P[moving, known]
         own = shared[:, moving] @ J.T + cov_added
@@ -99,7 +106,9 @@ class AugmentedState:
         self._P[known, moving] = shared.T
         self._P[np.ix_(moving, moving)] = 0.5 * (own + own.T)
 
-    def update(self, a: int, b: int, q: Array, cov: Array, gate: float) -> Array:
+    def update(
+        self, a: int, b: int, q: Array, cov: Array, gate: float, bends: Array | None = None
+    ) -> Array:
         """Correct all poses by a measurement of pose b in pose a.
 
         Parameters
@@ -108,6 +117,9 @@ class AugmentedState:
         cov : ndarray, shape (3, 3)
         gate : float
             Largest normalised innovation squared that is used.
+        bends : ndarray, shape (3, 2 m), or None
+            How the measurement answers to the errors within the scan before the newest and within
+            the newest; cov does not count that.
 
         Returns
         -------
@@ -118,13 +130,15 @@ class AugmentedState:
         from gtsam_nav.ekf._rank_six import subtract_symmetric
 
         size = self._size
-        expected, J_a, J_b = tail_to_tail(self._x[_of(a)], self._x[_of(b)])
+        expected, J_a, J_b = tail_to_tail(self._x[self._of(a)], self._x[self._of(b)])
         J_scale = np.array([-expected[0], -expected[1], 0.0])
-        innovation = q - expected - J_scale * self._x[SCALE]
+        shared = np.column_stack([J_scale, np.zeros((3, 2 * self._m)) if bends is None else bends])
+        entries = np.r_[SCALE, WITHIN : self._shared]
+        innovation = q - expected - shared @ self._x[entries]
         innovation[2] = wrap_angle(innovation[2])
-        PHt = self._P[:size, _of(a)] @ J_a.T + self._P[:size, _of(b)] @ J_b.T
-        PHt += np.outer(self._P[:size, SCALE], J_scale)
-        S = J_a @ PHt[_of(a)] + J_b @ PHt[_of(b)] + np.outer(J_scale, PHt[SCALE]) + cov
+        PHt = self._P[:size, self._of(a)] @ J_a.T + self._P[:size, self._of(b)] @ J_b.T
+        PHt += self._P[:size, entries] @ shared.T
+        S = J_a @ PHt[self._of(a)] + J_b @ PHt[self._of(b)] + shared @ PHt[entries] + cov
         S = 0.5 * (S + S.T)
         if not _is_invertible(S):
             return np.full(3, np.inf)
@@ -133,7 +147,7 @@ class AugmentedState:
             return whitened
         K: Array = np.ascontiguousarray(np.linalg.solve(S, PHt.T).T)
         self._x[:size] += K @ innovation
-        yaws = slice(SHARED + 2, size, 3)
+        yaws = slice(self._shared + 2, size, 3)
         self._x[yaws] = wrap_angle(self._x[yaws])
         # Joseph's (I - K H) P (I - K H)' + K R K' is P - K (P H')' - (P H') K' + K S K'
         subtract_symmetric(self._P, PHt - 0.5 * K @ S, K)
@@ -142,17 +156,26 @@ class AugmentedState:
     @property
     def _size(self) -> int:
         """Of what is known."""
-        return SHARED + 3 * self._n
+        return self._shared + 3 * self._n
 
     @property
     def _moving(self) -> IntArray:
         """Entries that the next scan is predicted from."""
-        return np.asarray(np.r_[MOTION, _of(self._n - 1)])
+        return np.asarray(np.r_[TURNED, self._within, self._of(self._n - 1)])
 
+    @property
+    def _within_last(self) -> slice:
+        """Entries of the errors within the scan before the newest."""
+        return slice(WITHIN, WITHIN + self._m)
 
-def _of(k: int) -> slice:
-    """Entries of pose k."""
-    return slice(SHARED + 3 * k, SHARED + 3 * k + 3)
+    @property
+    def _within(self) -> slice:
+        """Entries of the errors within the newest scan."""
+        return slice(WITHIN + self._m, self._shared)
+
+    def _of(self, k: int) -> slice:
+        """Entries of pose k."""
+        return slice(self._shared + 3 * k, self._shared + 3 * k + 3)
 
 
 def _is_invertible(S: Array) -> bool:

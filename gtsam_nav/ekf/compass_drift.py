@@ -15,6 +15,7 @@ import numpy as np
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission
 from gtsam_nav.sensors.noise import HeadingNoise
+from gtsam_nav.sensors.orientation import headings_true
 
 SHORTEST = 1e-3
 """Span, in correlation times, that stands for a single time: the differences keep their digits."""
@@ -75,3 +76,19 @@ class CompassDrift:
 
         halved = 0.5 * np.sqrt(np.pi) * a * erf(a) + 0.5 * np.expm1(-(a**2))
         return np.asarray(self.time_s**2 * halved)
+
+
+def mean_white_variance(mission: Mission, variance: Array, beams_s: Array) -> Array:
+    """Variance (n,) of the mean of a compass's white noise over the beams of each scan, rad^2.
+
+    At the most the variance (n,) that the filter states at the scans' reference times.
+    """
+    headings = headings_true(mission)
+    if headings is None:
+        return np.zeros(len(beams_s))
+    begin = np.searchsorted(headings.t, beams_s[:, 0])
+    end = np.searchsorted(headings.t, beams_s[:, 1], side="right")
+    summed = np.append(0.0, np.cumsum(headings.sigma**2))
+    inside = np.maximum(end - begin, 1)
+    of_mean = (summed[end] - summed[begin]) / inside**2
+    return np.asarray(np.where(inside < 2, variance, np.minimum(variance, of_mean)))

@@ -42,13 +42,28 @@ class Distortion:
     Attributes
     ----------
     moved : ndarray, shape (k, 2, m)
-        Of each echo in the scan's axes, m; m = 0 where all were taken at once.
+        Of each echo in the scan's axes, m; m = 0 where all scans are taken at once.
     whole : ndarray, shape (3, m)
         Of the scan as a whole, as a match with itself would find it: x, y, yaw.
+    ends : ndarray, shape (2, 2, m)
+        Of the vehicle itself, at the first and at the last echo.
     """
 
     moved: Array
     whole: Array
+    ends: Array
+
+    @classmethod
+    def none(cls, scan: Scan) -> Distortion:
+        """Of a scan that is taken at once."""
+        return cls(np.zeros((len(scan), 2, 0)), np.zeros((3, 0)), np.zeros((2, 2, 0)))
+
+    @property
+    def strayed(self) -> Array:
+        """Of the vehicle at the last echo from the scan as a whole, and of this from the vehicle at
+        the first, (2, 2, m); but for what a wrong heading does to the way."""
+        whole, (first, last) = self.whole[:2], self.ends
+        return np.stack([last - whole, whole - first])
 
 
 def distortions(
@@ -73,19 +88,21 @@ def distortions(
     """
     echoes, turns = data.echoes, data.turns
     bounds = np.searchsorted(echoes.beam, np.stack([turns.first, turns.last]))
+    times = [echoes.t[begin:end] for begin, end in bounds.T]
+    if all(np.all(t == scan.t_ref) for t, scan in zip(times, data.scans, strict=True)):
+        return [Distortion.none(scan) for scan in data.scans]
     found = []
-    for scan, begin, end in zip(data.scans, *bounds, strict=True):
-        t = echoes.t[begin:end]
-        moved = _displacements(scan, t, motion, way_variance_m2, yaw_changes)
+    for scan, t in zip(data.scans, times, strict=True):
+        moved, ends = _displacements(scan, t, motion, way_variance_m2, yaw_changes)
         whole, _ = response(scan, scan, np.zeros(3), moved, moved, settings)
-        found.append(Distortion(moved, whole))
+        found.append(Distortion(moved, whole, ends))
     return found
 
 
-def bent(
+def bending(
     a: Scan, b: Scan, match: PlanarMatch, of_a: Distortion, of_b: Distortion, settings: PicSettings
-) -> Array:
-    """Covariance (3, 3) of a match of scan b to scan a by the bending of both.
+) -> tuple[Array, Array]:
+    """How a match of scan b to scan a moves by the bending of either, (3, m) both.
 
     Poses of scans are those of their echoes: what moves a scan as a whole is none of it.
     """
@@ -93,8 +110,7 @@ def bent(
     _, J_a, _ = tail_to_tail(np.zeros(3), match.q)
     J_b = np.eye(3)
     J_b[:2, :2] = planar_rotations(match.q[2])
-    rest_a, rest_b = by_a + J_a @ of_a.whole, by_b + J_b @ of_b.whole
-    return np.asarray(rest_a @ rest_a.T + rest_b @ rest_b.T)
+    return by_a + J_a @ of_a.whole, by_b + J_b @ of_b.whole
 
 
 def _displacements(
@@ -103,17 +119,15 @@ def _displacements(
     motion: PlanarMotion,
     way_variance_m2: Array,
     yaw_changes: YawChanges,
-) -> Array:
-    """Displacements (k, 2, m) of echoes at times (k,) by the error that each piece of time adds.
+) -> tuple[Array, Array]:
+    """Displacements (k, 2, m) of echoes at times (k,) by the error that each piece of time adds,
+    and, by that of the way, of the vehicle at the first and the last of them (2, 2, m).
 
-    It moves what lies beyond it, and turns it about where the vehicle then was. A scan that is
-    taken at once has no such piece.
+    It moves what lies beyond it, and turns it about where the vehicle then was.
     """
     since = t - scan.t_ref
-    if not np.any(since):
-        return np.zeros((len(t), 2, 0))
-    ends = min(since[0], 0.0), max(since[-1], 0.0)
-    edges = [np.linspace(0.0, end, PIECES + 1) for end in ends]
+    reach = min(since[0], 0.0), max(since[-1], 0.0)
+    edges = [np.linspace(0.0, end, PIECES + 1) for end in reach]
     begin = np.concatenate([e[:-1] for e in edges])
     length = np.concatenate([np.diff(e) for e in edges])
     passed = np.clip((since[:, None] - begin) / np.where(length == 0.0, np.inf, length), 0.0, 1.0)
@@ -126,8 +140,15 @@ def _displacements(
     sigma_m = np.sqrt(np.abs(variance_m2.ravel()))
     aside = np.stack([-lever[..., 1], lever[..., 0]], axis=1)
     turned = (passed[:, None] * aside) @ sigma_yaw
-    shifted = passed * sigma_m
-    still = np.zeros_like(shifted)
+    shifted = _along_both_axes(passed * sigma_m)
+    not_by_turning = np.zeros((2, 2, turned.shape[2]))
+    ends = np.concatenate([not_by_turning, shifted[[0, -1]]], axis=2)
+    return np.concatenate([turned, shifted], axis=2), ends
+
+
+def _along_both_axes(moved: Array) -> Array:
+    """Displacements (k, 2, 2 m) along one axis or the other of so much (k, m)."""
+    still = np.zeros_like(moved)
     return np.concatenate(
-        [turned, np.stack([shifted, still], axis=1), np.stack([still, shifted], axis=1)], axis=2
+        [np.stack([moved, still], axis=1), np.stack([still, moved], axis=1)], axis=2
     )

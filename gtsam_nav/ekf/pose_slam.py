@@ -91,11 +91,13 @@ class PoseFilter:
     def _match(self, a: int, b: int) -> ScanMatch:
         """Register scan b to scan a, and correct all poses by the result."""
         prior, cov_prior = self.state.displacement(a, b)
-        match = register_scans(self._track, a, b, prior, cov_prior, self._pic)
+        match, (by_a, by_b) = register_scans(self._track, a, b, prior, cov_prior, self._pic)
         if not match.ok:
             return ScanMatch(a, b, match, match.failure)
         gate = chi2_limit(self._settings.gate_probability, 3)
-        whitened = self.state.update(a, b, match.q, match.cov, gate)
+        # errors within scans before the last are new to the state with each match
+        bends = np.hstack([by_a if a == b - 1 else np.zeros_like(by_a), by_b])
+        whitened = self.state.update(a, b, match.q, match.cov - bends @ bends.T, gate, bends)
         if whitened @ whitened <= gate:
             return ScanMatch(a, b, match, "", whitened)
         possible = np.all(np.isfinite(whitened))

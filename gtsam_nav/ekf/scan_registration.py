@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gtsam_nav.ekf.distortion import bent
+from gtsam_nav.ekf.distortion import bending
 from gtsam_nav.ekf.scan_track import ScanTrack
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Rejection
@@ -80,7 +80,7 @@ class ScanMatch:
 
 def register_scans(
     track: ScanTrack, a: int, b: int, prior: Array, cov_prior: Array, settings: PicSettings
-) -> PlanarMatch:
+) -> tuple[PlanarMatch, tuple[Array, Array]]:
     """Register scan b to scan a; the covariance counts how the motion bends both.
 
     Parameters
@@ -89,14 +89,22 @@ def register_scans(
         Expected pose of b in a.
     cov_prior : ndarray, shape (3, 3)
         Its covariance, which says how far to look.
+
+    Returns
+    -------
+    match : PlanarMatch
+    bends : tuple of ndarray, shape (3, m) both
+        How it answers to the errors of the motion within a and within b.
     """
-    scans = track.sonar.scans
+    scans, distorted = track.sonar.scans, (track.distortions[a], track.distortions[b])
+    unbent = np.zeros_like(distorted[0].whole), np.zeros_like(distorted[1].whole)
     if min(len(scans[a]), len(scans[b])) < track.min_points:
-        return PlanarMatch(prior, cov_prior, 0.0, 0, f"fewer than {track.min_points} points")
+        match = PlanarMatch(prior, cov_prior, 0.0, 0, f"fewer than {track.min_points} points")
+        return match, unbent
     sigma = np.sqrt(np.maximum(np.diag(cov_prior), 1e-12))
     factor = np.clip(sigma, SEARCH_FLOOR, SEARCH_CAP) / sigma
     match = register(scans[a], scans[b], prior, cov_prior * np.outer(factor, factor), settings)
     if not match.ok:
-        return match
-    distorted = track.distortions[a], track.distortions[b]
-    return replace(match, cov=match.cov + bent(scans[a], scans[b], match, *distorted, settings))
+        return match, unbent
+    bends = bending(scans[a], scans[b], match, *distorted, settings)
+    return replace(match, cov=match.cov + sum(by @ by.T for by in bends)), bends

@@ -98,7 +98,7 @@ class SonarSimulation(Settings):
     ring_down_m: float = Field(default=0.5, gt=0)
     lost_share: float = Field(default=0.005, ge=0, lt=1)
     sigma_range_m: float = Field(default=0.08, gt=0)
-    scale_sigma: float = Field(default=0.004, ge=0)
+    scale_sigma: float = Field(default=0.003, ge=0)
     match_floor_m: float = Field(default=0.03, ge=0)
     match_floor_deg: float = Field(default=0.1, ge=0)
 

@@ -245,3 +245,43 @@ def test_errors_of_the_motion_are_estimated_with_the_poses_as_with_dense_matrice
         state.update(k - 1, k, expected + innovation, R, np.inf)
         np.testing.assert_allclose(state.newest, np.append(x[:2], x[-3:]), atol=1e-9)
     np.testing.assert_allclose(state.cov, P[2:, 2:], atol=1e-9)
+
+
+def test_errors_within_a_scan_are_shared_by_all_its_matches_as_with_dense_matrices() -> None:
+    """And by the way onward; of older scans each match has its own."""
+    rng, n, m = np.random.default_rng(8), 5, 3
+    start, free = covariance(rng, 0.1), np.zeros((3, 3))
+    first_cov = np.block([[np.eye(m), np.zeros((m, 3))], [np.zeros((3, m)), start]])
+    first = np.zeros(m + 5)
+    state = AugmentedState(n, first, np.pad(first_cov, ((2, 0), (2, 0))))
+    # dense: of each scan its errors, then its pose
+    x, P = np.zeros(m + 3), first_cov
+    for k in range(1, n):
+        onward, reached, added = *(0.1 * rng.normal(size=(2, 3, m))), covariance(rng, 0.1)
+        own = np.block([[np.eye(m), reached.T], [reached, reached @ reached.T + added]])
+        F = np.zeros((len(x) + m + 3, len(x)))
+        F[: len(x)] = np.eye(len(x))
+        F[-3:, -m - 3 :] = np.hstack([onward, np.eye(3)])
+        J, cov_added = np.zeros((m + 5, m + 5)), np.zeros((m + 5, m + 5))
+        J[-3:, 2:], cov_added[2:, 2:] = np.hstack([onward, np.eye(3)]), own
+        state.augment(J @ state.newest, J, cov_added)
+        x, P = F @ x, F @ P @ F.T
+        P[-m - 3 :, -m - 3 :] += own
+        for a in range(k - 1, -1, -1):
+            by_a, by_b = 0.1 * rng.normal(size=(2, 3, m))
+            poses = [slice((m + 3) * i + m, (m + 3) * (i + 1)) for i in (a, k)]
+            expected, J_a, J_b = tail_to_tail(x[poses[0]], x[poses[1]])
+            H, R = np.zeros((3, len(x))), covariance(rng, 0.05)
+            H[:, poses[0]], H[:, poses[1]] = J_a, J_b
+            bends = np.hstack([by_a if a == k - 1 else free, by_b])
+            H[:, (m + 3) * (k - 1) : (m + 3) * (k - 1) + m] = bends[:, :m]
+            H[:, (m + 3) * k : (m + 3) * k + m] = by_b
+            within = np.concatenate([x[(m + 3) * i : (m + 3) * i + m] for i in (k - 1, k)])
+            q = expected + bends @ within + 0.02 * rng.normal(size=3)
+            K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
+            x = x + K @ (q - expected - bends @ within)
+            P = P - K @ H @ P
+            state.update(a, k, q, R, np.inf, bends)
+        np.testing.assert_allclose(state.newest[2:], x[-m - 3 :], atol=1e-9)
+    entries = np.concatenate([np.arange((m + 3) * i + m, (m + 3) * (i + 1)) for i in range(n)])
+    np.testing.assert_allclose(state.cov, P[np.ix_(entries, entries)], atol=1e-9)

@@ -10,7 +10,8 @@ import pytest
 import gtsam_nav as gn
 from gtsam_nav.config import load_config
 from gtsam_nav.ekf.compounding import compound, inverse, tail_to_tail
-from gtsam_nav.ekf.distortion import Distortion, bent, distortions, walking
+from gtsam_nav.ekf.constant_velocity import YAW
+from gtsam_nav.ekf.distortion import Distortion, bending, distortions, walking
 from gtsam_nav.ekf.scan_match import match_consecutive
 from gtsam_nav.ekf.scan_track import ScanTrack, follow_scans
 from gtsam_nav.frames import Array, wrap_angle
@@ -19,11 +20,11 @@ from gtsam_nav.registration.pic import register
 from gtsam_nav.registration.response import response
 from gtsam_nav.registration.settings import PicSettings
 from gtsam_nav.series import ReferenceSeries
-from gtsam_nav.simulation.settings import SimulationSettings
+from gtsam_nav.simulation.settings import DvlSimulation, SimulationSettings
 from gtsam_nav.sonar.echoes import Echoes
 from gtsam_nav.sonar.motion import PlanarMotion
 from gtsam_nav.sonar.preparation import SonarData, deskewed
-from gtsam_nav.sonar.scans import Turns
+from gtsam_nav.sonar.scans import Turns, planar_rotations
 
 SETTINGS = PicSettings(floor_xy_m=0.0, floor_yaw_deg=0.0)
 SCAN_S, BEAMS = 14.0, 200
@@ -94,6 +95,31 @@ def test_echoes_are_displaced_as_drawn(stated: tuple[SonarData, list[Distortion]
         assert np.mean(d2) == pytest.approx(2.0, rel=0.15)
 
 
+def test_a_vehicle_strays_from_its_scan_as_drawn() -> None:
+    """By a walk, which is at the last echo elsewhere than the scan on the whole."""
+    rng, runs, (echoes, turns, t) = np.random.default_rng(6), 1000, straight()
+    motion = way(t, np.zeros(len(t)), np.zeros((len(t), 2)))
+    data = deskewed(echoes, turns, motion)
+    distorted = distortions(data, motion, WAY_GROWTH * t, walking(0.0), SETTINGS)[1]
+    steps = rng.normal(size=(len(t), 2, runs)) * np.sqrt(WAY_GROWTH * np.diff(t)[0])
+    error = np.cumsum(steps, axis=0)[BEAMS:]
+    moved, scan = error - error[BEAMS // 2], data.scans[1]
+    whole = response(scan, scan, np.zeros(3), moved, moved, SETTINGS)[0][:2]
+    seen = np.cov(np.concatenate([moved[-1] - whole, whole - moved[0]]))
+    strayed = distorted.strayed.reshape(4, -1)
+    np.testing.assert_allclose(strayed @ strayed.T, seen, atol=0.05 * np.trace(seen))
+
+
+def test_what_its_headings_move_a_scan_by_stays_with_that_scan(
+    stated: tuple[SonarData, list[Distortion]],
+) -> None:
+    strayed = stated[1][1].strayed
+    to_last = strayed.sum(axis=0)
+    np.testing.assert_allclose(
+        to_last @ to_last.T, WAY_GROWTH * SCAN_S * np.eye(2), rtol=0.01, atol=1e-9
+    )
+
+
 def test_at_its_reference_time_a_scan_is_where_it_is(
     stated: tuple[SonarData, list[Distortion]],
 ) -> None:
@@ -128,7 +154,7 @@ def test_a_scan_taken_at_once_is_not_distorted() -> None:
     distorted = distortions(data, motion, WAY_GROWTH * t, walking(YAW_GROWTH), SETTINGS)
     assert all(one.moved.size == one.whole.size == 0 for one in distorted)
     match = register(*data.scans, np.array([9.8, 0.0, 0.0]), np.diag([0.1, 0.1, 0.01]), SETTINGS)
-    np.testing.assert_array_equal(bent(*data.scans, match, *distorted, SETTINGS), np.zeros((3, 3)))
+    assert all(by.size == 0 for by in bending(*data.scans, match, *distorted, SETTINGS))
 
 
 def test_what_moves_a_scan_as_a_whole_does_not_bend_its_matches(
@@ -136,16 +162,17 @@ def test_what_moves_a_scan_as_a_whole_does_not_bend_its_matches(
 ) -> None:
     data, _ = stated
     match = register(*data.scans, np.array([9.8, 0.0, 0.0]), np.diag([0.1, 0.1, 0.01]), SETTINGS)
-    still = Distortion(np.zeros((BEAMS, 2, 3)), np.zeros((3, 3)))
+    nowhere = np.zeros((2, 2, 3))
+    still = Distortion(np.zeros((BEAMS, 2, 3)), np.zeros((3, 3)), nowhere)
     for k in (0, 1):
         xy = data.scans[k].xy
         turned = np.stack([-xy[:, 1], xy[:, 0]], axis=1)
         shifts = np.broadcast_to(np.eye(2), (len(xy), 2, 2))
         whole = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
-        moved = Distortion(np.concatenate([turned[..., None], shifts], axis=2), whole)
+        moved = Distortion(np.concatenate([turned[..., None], shifts], axis=2), whole, nowhere)
         pair = (moved, still) if k == 0 else (still, moved)
-        left = bent(*data.scans, match, *pair, SETTINGS)
-        assert np.sqrt(np.diag(left)).max() < 0.06
+        by_a, by_b = bending(*data.scans, match, *pair, SETTINGS)
+        assert np.linalg.norm(np.hstack([by_a, by_b]), axis=1).max() < 0.06
 
 
 @pytest.mark.slow
@@ -157,14 +184,12 @@ def test_matches_are_as_wrong_as_stated() -> None:
         track = follow_scans(mission, load_config(None, ["gnss.use=none"]))
         poses = poses_of_beams(mission, track)
         for k in range(1, len(track)):
-            found = match_consecutive(track, k, load_config())
+            found, bends = match_consecutive(track, k, load_config())
             if not found.accepted:
                 continue
             error = found.match.q - tail_to_tail(poses[k - 1], poses[k])[0]
             error[2] = wrap_angle(error[2])
-            pair = track.distortions[k - 1], track.distortions[k]
-            scans = track.sonar.scans[k - 1], track.sonar.scans[k]
-            bending = bent(*scans, found.match, *pair, track.pic)
+            bending = sum(by @ by.T for by in bends)
             for d2, cov in (
                 (with_bending, found.match.cov),
                 (without, found.match.cov - bending),
@@ -175,14 +200,50 @@ def test_matches_are_as_wrong_as_stated() -> None:
     assert np.mean(without) > 1.5
 
 
-def poses_of_beams(mission: Mission, track: ScanTrack) -> Array:
-    """True poses of what the scans are, put together by a motion that is not quite right."""
+def test_errors_within_scans_mend_the_way_between_them() -> None:
+    """As told by the echoes that they displaced, with headings put right on the way."""
+    noisy = DvlSimulation(
+        sigma_m_s=0.2, dropouts_per_min=0.0, scale_sigma=0.0, misalignment_sigma_deg=0.0
+    )
+    settings = SimulationSettings.matched().model_copy(update={"dvl": noisy})
+    mission = gn.simulate("marina", seed=100, duration_s=200.0, settings=settings)
+    track = follow_scans(mission, load_config(None, ["gnss.use=none"]))
+    poses, exact = poses_of_beams(mission, track), exact_motion(mission)
+    within = []
+    for scan, true, distortion in zip(
+        track.sonar.scans,
+        deskewed(track.sonar.echoes, track.sonar.turns, exact).scans,
+        track.distortions,
+        strict=True,
+    ):
+        displaced, J = (scan.xy - true.xy).ravel(), distortion.moved.reshape(2 * len(scan), -1)
+        # beside the noise of single headings
+        cov = J @ J.T + 0.3**2 * np.eye(len(displaced))
+        within.append(J.T @ np.linalg.solve(cov, displaced))
+    off = np.interp(track.filtered.t, exact.t, exact.yaw) - track.filtered.x[:, YAW]
+    steps = np.diff(track.filtered.x[:, :2], axis=0)
+    turned = np.einsum("nij,nj->ni", planar_rotations(off[:-1]), steps)
+    way = np.concatenate([np.zeros((1, 2)), np.cumsum(turned, axis=0)])[track.record]
+    stated, seen = [], []
+    for k in range(2, len(track)):
+        onward, reached = track._strayed(k - 1)[0], track._strayed(k)[1]
+        stated.append(onward @ within[k - 1] + reached @ within[k])
+        seen.append(poses[k, :2] - poses[k - 1, :2] - way[k] + way[k - 1])
+    assert np.corrcoef(np.ravel(stated), np.ravel(seen))[0, 1] > 0.3
+
+
+def exact_motion(mission: Mission) -> PlanarMotion:
     reference = mission.reference
     assert reference is not None
     assert isinstance(reference.series, ReferenceSeries)
     assert reference.series.rpy is not None
     yaw = np.unwrap(reference.series.rpy[:, 2])
-    motion = PlanarMotion(reference.series.t, reference.series.p_n[:, :2], yaw, 0.0, 0.0)
+    return PlanarMotion(reference.series.t, reference.series.p_n[:, :2], yaw, 0.0, 0.0)
+
+
+def poses_of_beams(mission: Mission, track: ScanTrack) -> Array:
+    """True poses of what the scans are, put together by a motion that is not quite right."""
+    motion = exact_motion(mission)
     exact = deskewed(track.sonar.echoes, track.sonar.turns, motion)
     ne, yaw = motion.at(track.t)
     poses = []

@@ -11,13 +11,23 @@ import pytest
 import gtsam_nav as gn
 from gtsam_nav.config import Config, load_config
 from gtsam_nav.ekf.augmented_state import AugmentedState
+from gtsam_nav.ekf.compounding import compound
 from gtsam_nav.ekf.considered import ConsideredErrors, with_considered
 from gtsam_nav.ekf.constant_velocity import YAW
 from gtsam_nav.ekf.dead_reckoning import dead_reckon, filtered_trajectory
+from gtsam_nav.ekf.distortion import Distortion
 from gtsam_nav.ekf.pose_slam import PoseFilter, estimated_scale_sigma, loop_candidates
-from gtsam_nav.ekf.scan_match import completed, match_consecutive
+from gtsam_nav.ekf.scan_match import ChainEnd, completed, match_consecutive
 from gtsam_nav.ekf.scan_solution import _bridge, _turned
-from gtsam_nav.ekf.scan_track import ScanTrack, follow_scans
+from gtsam_nav.ekf.scan_track import (
+    COMPASS,
+    MISALIGNMENT,
+    NORTH_EAST,
+    POSE,
+    WITHIN,
+    ScanTrack,
+    follow_scans,
+)
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.mission import InitialState, Mission, Sensor
@@ -31,6 +41,7 @@ from gtsam_nav.series import (
     Series,
 )
 from gtsam_nav.simulation.processes import gauss_markov
+from gtsam_nav.simulation.settings import SimulationSettings
 from gtsam_nav.solution import Solution
 from gtsam_nav.sonar.defects import WHOLE_SENSOR
 from gtsam_nav.sonar.scans import planar_rotations
@@ -173,12 +184,12 @@ def test_a_misalignment_turns_the_way_to_the_first_scan_too(compass: bool) -> No
     angle = errors.misalignment
     straight = np.diff(track.filtered.x[[0, track.record[0]], :2], axis=0)[0]
     aside = angle * np.array([-straight[1], straight[0]])
-    aligned = track.first_cov[2:4, 2:4] - np.outer(aside, aside)
+    aligned = track.first_cov[NORTH_EAST, NORTH_EAST] - np.outer(aside, aside)
     assert np.linalg.eigvalsh(aligned).min() > 0.0
-    np.testing.assert_allclose(track.first_cov[0, 2:4], angle * aside)
+    np.testing.assert_allclose(track.first_cov[MISALIGNMENT, NORTH_EAST], angle * aside)
     precise = replace(mission.sensors["odometry"], noise={"misalignment_sigma_deg": 0.0})
     exact = follow_scans(late.with_sensor(precise), load_config())
-    np.testing.assert_allclose(exact.first_cov[2:4, 2:4], aligned, rtol=1e-6)
+    np.testing.assert_allclose(exact.first_cov[NORTH_EAST, NORTH_EAST], aligned, rtol=1e-6)
     first = np.zeros(len(track.filtered.t), dtype=np.int64)
     by_misalignment = np.subtract(*(_turned(track, first, first, first, a) for a in (angle, 0.0)))
     assert not np.any(by_misalignment[: track.record[0]])
@@ -194,7 +205,7 @@ def test_white_noise_of_a_compass_averages_out_over_a_scan_and_no_further() -> N
     """All of it counts in a scan taken at once, a share in one that takes a turn of the head."""
     at_once = follow_scans(without_drift(circling(stop_s=10.0)), load_config())
     white = at_once.filtered.P[at_once.record[0], YAW, YAW]
-    assert at_once.first_cov[4, 4] == pytest.approx(white)
+    assert at_once.first_cov[-1, -1] == pytest.approx(white)
     mission = without_drift(gn.simulate("marina", seed=1, duration_s=20.0))
     turning = follow_scans(mission, load_config())
     headings = mission.sensors["heading"].series
@@ -203,7 +214,7 @@ def test_white_noise_of_a_compass_averages_out_over_a_scan_and_no_further() -> N
     begin_s, end_s = turning.instrument.series.t[[turns.first[0], turns.last[0] - 1]]
     n = np.count_nonzero((headings.t >= begin_s) & (headings.t <= end_s))
     assert n > 100
-    assert turning.first_cov[4, 4] == pytest.approx(headings.sigma[0] ** 2 / n, rel=0.02)
+    assert turning.first_cov[-1, -1] == pytest.approx(headings.sigma[0] ** 2 / n, rel=0.02)
 
 
 def with_sonar_noise(mission: Mission, **noise: float) -> Mission:
@@ -218,7 +229,7 @@ def test_a_card_states_the_floors_of_matches_else_the_settings_do() -> None:
         track = follow_scans(mission, config)
         assert (track.pic.floor_xy_m, track.pic.floor_yaw_deg) == (floor_m, 1.0)
     sigma_m = [
-        np.sqrt(match_consecutive(follow_scans(m, config), 3, config).match.cov[0, 0])
+        np.sqrt(match_consecutive(follow_scans(m, config), 3, config)[0].match.cov[0, 0])
         for m in (circling(), stated)
     ]
     assert sigma_m[0] > 0.2 > 0.1 > sigma_m[1]
@@ -306,20 +317,63 @@ def test_between_scans_that_fill_the_time_a_walk_is_tied_to_their_means() -> Non
         assert stated == pytest.approx(expected, rel=0.12)
 
 
+def with_errors(pose: Array, misalignment: float = 0.0, compass: float = 0.0) -> Array:
+    return np.concatenate([[misalignment, compass], pose])
+
+
+def test_a_walk_within_scans_that_fill_the_time_is_counted_once() -> None:
+    """From mean to mean a walk goes for as long as from middle to middle, less a third of a scan;
+    counting how far either end is off its mean besides, it seemed to go longer."""
+    mission = without_drift(circling(stop_s=20.0))
+    precise = {"scale_sigma": 0.0, "misalignment_sigma_deg": 0.0}
+    odometry = replace(mission.sensors["odometry"], noise=precise)
+    track = follow_scans(mission.with_sensor(odometry), load_config())
+    one, n = float(track.walked[track.record[2], 0, 0]), len(track) - 1
+    # at the end from the mean, and of the mean from the begin: a third each, and a sixth shared
+    onward, reached = np.linalg.cholesky([[1 / 3, 1 / 6], [1 / 6, 1 / 3]]) * np.sqrt(one)
+    ends = np.stack([np.kron(np.eye(2), -reached), np.kron(np.eye(2), onward)])
+    still = Distortion(np.zeros((1, 2, 4)), np.zeros((3, 4)), ends)
+    track = replace(track, distortions=[still] * (n + 1), between=np.zeros(n + 1))
+    state = AugmentedState(n + 1, track.first, track.first_cov_aligned)
+    for k in range(1, n + 1):
+        state.augment(*track.predict(k, state.newest))
+    J = np.hstack([-np.eye(2), np.eye(2)])
+    for a, b in ((1, 2), (0, n)):
+        entries = np.r_[3 * a : 3 * a + 2, 3 * b : 3 * b + 2]
+        stated = J @ state.cov[np.ix_(entries, entries)] @ J.T
+        np.testing.assert_allclose(stated, (b - a - 1 / 3) * one * np.eye(2), atol=1e-9)
+    expected = state.displacement(1, 2)[1]
+    np.testing.assert_allclose(track.displacement(2)[1], expected, rtol=0.01, atol=1e-6)
+
+
+def test_the_first_scan_is_on_the_whole_where_the_walk_has_led_to_it() -> None:
+    """Up to its first echo the walk is no part of the scan; then it is the scan's own."""
+    mission = without_drift(gn.simulate("marina", seed=1, duration_s=30.0))
+    track = follow_scans(mission, load_config())
+    cov, (_, reached) = track.first_cov_aligned, track._strayed(0)
+    back = np.zeros((2, len(cov)))
+    back[:, NORTH_EAST], back[:, WITHIN] = np.eye(2), -reached
+    np.testing.assert_allclose(back @ cov @ back.T, track.between[0] * np.eye(2), atol=1e-4)
+    to_reference = planar_rotations(track.pose(0)[2]) @ track.distortions[0].whole[:2]
+    back[:, WITHIN] = to_reference
+    walked = track.walked[track.record[0], :2, :2]
+    np.testing.assert_allclose(back @ cov @ back.T, walked, atol=1e-4)
+
+
 def test_a_compass_without_drift_is_right_again_at_the_next_scan() -> None:
     track = follow_scans(without_drift(circling(stop_s=20.0)), load_config())
-    new, _, cov = track.predict(3, np.append([0.0, 0.2], np.add(track.pose(2), [0.0, 0.0, 0.2])))
-    np.testing.assert_allclose(new[2:], track.pose(3), atol=1e-12)
-    assert new[1] == 0.0
-    assert cov[4, 4] == pytest.approx(track.white_yaw[3])
+    new, _, cov = track.predict(3, with_errors(np.add(track.pose(2), [0.0, 0.0, 0.2]), compass=0.2))
+    np.testing.assert_allclose(new[POSE], track.pose(3), atol=1e-12)
+    assert new[COMPASS] == 0.0
+    assert cov[-1, -1] == pytest.approx(track.white_yaw[3])
 
 
 def test_a_compass_error_that_matches_show_is_carried_on() -> None:
     track = follow_scans(circling(), load_config())
-    last, h = np.append([0.01, 0.2], np.add(track.pose(7), [3.0, -2.0, 0.2])), 1e-6
+    last, h = with_errors(np.add(track.pose(7), [3.0, -2.0, 0.2]), 0.01, 0.2), 1e-6
     new, J, _ = track.predict(8, last)
-    assert 0.15 < wrap_angle(new[4] - track.pose(8)[2]) < 0.2
-    assert 0.15 < new[1] < 0.2
+    assert 0.15 < wrap_angle(new[-1] - track.pose(8)[2]) < 0.2
+    assert 0.15 < new[COMPASS] < 0.2
     for axis, step in enumerate(h * np.eye(5)):
         ahead, behind = (track.predict(8, last + sign * step)[0] for sign in (1, -1))
         np.testing.assert_allclose((ahead - behind) / (2 * h), J[:, axis], atol=1e-6)
@@ -327,13 +381,14 @@ def test_a_compass_error_that_matches_show_is_carried_on() -> None:
 
 def test_without_a_compass_the_way_is_turned_too() -> None:
     track = follow_scans(circling(compass=False), load_config())
-    last, h = np.append([0.02, 0.0], track.pose(7)), 1e-6
+    last, h = with_errors(track.pose(7), 0.02), 1e-6
     new, J, _ = track.predict(8, last)
     straight = np.subtract(track.pose(8), track.pose(7))[:2]
-    np.testing.assert_allclose(new[2:4] - last[2:4], planar_rotations(0.02) @ straight)
-    for axis, step in enumerate(h * np.eye(5)[[0, 2, 3, 4]]):
+    moved = new[NORTH_EAST] - last[NORTH_EAST]
+    np.testing.assert_allclose(moved, planar_rotations(0.02) @ straight)
+    columns = [MISALIGNMENT, 2, 3, 4]
+    for column, step in zip(columns, h * np.eye(5)[columns], strict=True):
         ahead, behind = (track.predict(8, last + sign * step)[0] for sign in (1, -1))
-        column = [0, 2, 3, 4][axis]
         np.testing.assert_allclose((ahead - behind) / (2 * h), J[:, column], atol=1e-6)
 
 
@@ -573,7 +628,7 @@ def test_along_a_corridor_the_chain_keeps_what_dead_reckoning_knows() -> None:
     told = np.diag([100.0, 0.1, 0.01]) ** 2
     along = np.array([[1.0, 0.0, 0.0]])
     match = PlanarMatch(np.array([2.4, 0.0, 0.0]), told, 0.9, 5, "", along)
-    q, cov = completed(match, prior, cov_prior)
+    q, cov, _ = completed(match, prior, cov_prior)
     assert q[0] == pytest.approx(2.0, abs=1e-4)
     assert abs(q[1]) < 0.02
     np.testing.assert_allclose(np.sqrt(cov[0, 0]), 0.3, rtol=1e-4)
@@ -589,3 +644,48 @@ def test_a_yaw_that_is_unsure_makes_the_velocity_unsure(method: str) -> None:
     assert trajectory.sigma_v_n is not None
     across = np.linalg.norm(trajectory.sigma_v_n[:, :2], axis=1)
     assert np.all(across >= 0.999 * SPEED_M_S * trajectory.sigma_rpy[:, 2])
+
+
+def test_matches_of_one_scan_share_how_it_is_bent() -> None:
+    """As with all errors side by side: what the last match has of them the next one has too."""
+    rng, m = np.random.default_rng(2), 4
+    end = ChainEnd(rng.normal(size=3), np.diag([0.1, 0.2, 0.05]) ** 2, np.zeros((3, m)))
+    # how the pose answers to its own start and to the errors within every scan so far
+    answers = np.hstack([np.linalg.cholesky(end.cov), np.zeros((3, m))])
+    for _ in range(4):
+        q, own = rng.normal(size=3), 0.05 * rng.normal(size=(3, 3))
+        by_last, by_new = 0.05 * rng.normal(size=(2, 3, m))
+        _, J_last, J_q = compound(end.pose, q)
+        answers = J_last @ answers
+        answers[:, -m:] += J_q @ by_last
+        answers = np.hstack([answers[:, :-m], J_q @ own, answers[:, -m:], J_q @ by_new])
+        cov = own @ own.T + by_last @ by_last.T + by_new @ by_new.T
+        end = end.followed_by(q, cov, by_last, by_new)
+        np.testing.assert_allclose(end.cov, answers @ answers.T)
+
+
+def test_constant_errors_of_the_velocity_make_a_displacement_unsure() -> None:
+    mission = circling(stop_s=10.0)
+    errors = ConsideredErrors.of(mission)
+    precise = {"scale_sigma": 0.0, "misalignment_sigma_deg": 0.0}
+    exact = mission.with_sensor(replace(mission.sensors["odometry"], noise=precise))
+    (q, cov), (_, without) = (
+        follow_scans(m, load_config()).displacement(2) for m in (mission, exact)
+    )
+    length, unit = np.linalg.norm(q[:2]), q[:2] / np.linalg.norm(q[:2])
+    added = (cov - without)[:2, :2]
+    np.testing.assert_allclose(np.sqrt(unit @ added @ unit), errors.scale * length, rtol=1e-3)
+    expected = (errors.scale**2 + errors.misalignment**2) * length**2
+    assert np.trace(added) == pytest.approx(expected, rel=1e-3)
+
+
+def test_the_chain_tests_a_match_as_the_filter_does() -> None:
+    """With what dead reckoning and match share: how errors within the scans stray and bend."""
+    mission = gn.simulate("marina", 1, duration_s=45.0, settings=SimulationSettings.matched())
+    config = load_config(None, ["gnss.use=none", "pose_ekf.association=mean"])
+    track = follow_scans(mission, config)
+    pose_filter = PoseFilter(track, config)
+    pose_filter.add_scan(1)
+    found, bends = match_consecutive(track, 1, config)
+    assert found.nis == pytest.approx(pose_filter.matches[0].nis, rel=0.03)
+    assert np.abs(track.shared_with_match(1, *bends)).max() > 1e-4
