@@ -201,8 +201,11 @@ class JointRefinement:
             before = posterior.planar
             largest, knot = float(np.max(moved)), int(np.argmax(moved))
             log.debug("refinement: largest step %.3f m at knot %d", largest, knot)
-            settled = gate <= s.last_gate_m and largest < s.converged_m
+            still = largest < s.converged_m
+            settled = still and gate <= s.last_gate_m
             gate = max(gate * s.gate_factor, s.last_gate_m)
+            if still and not settled:  # a wider gate has nothing left to bring in
+                gate, self._rounds = s.last_gate_m, 0
             count += 1
             if np.any(np.abs(before) > ALL_BUT_LINEAR):
                 system = None
