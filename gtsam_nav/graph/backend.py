@@ -29,8 +29,9 @@ RELINEARIZE_BIAS = 0.05
 RELINEARIZE_EVERY = 10
 """Updates after which all states are solved for, and looked at for that: it takes as long as the
 mission is. Between them the latest ones are told by their marginals."""
-JUMP_RAD, JUMP_M = 0.15, 1.5
-"""Where the latest state has turned or moved so far from its prediction, all are looked at next."""
+JUMP = np.repeat([0.15, 1.5], 3)
+"""Where the latest state has turned (rad) or moved (m) so far from its prediction, all are looked at
+next."""
 LEAST_CHANGE = 0.01
 """iSAM2 follows a change of its estimate (m, m/s, rad) backward in time until it is smaller: the
 latest states are solved for in any case."""
@@ -154,8 +155,8 @@ class Backend:
         """Current estimate of keyframe k, from which the next one is predicted."""
         self._last_state = self._nav_state(X(k))
         begun = self._isam.getLinearizationPoint().atNavState(X(k))
-        turned, moved = np.split(np.abs(begun.localCoordinates(self._last_state)[:6]), 2)
-        self._has_jumped |= bool(np.max(turned) > JUMP_RAD or np.max(moved) > JUMP_M)
+        step = begun.localCoordinates(self._last_state)[:6]
+        self._has_jumped |= bool((np.abs(step) > JUMP).any())
         if self.problem.uses_imu:
             self._last_bias = self._bias(B(k))
         return self._last_state

@@ -155,7 +155,7 @@ def _nearer_start(problem: Problem, values: Any) -> Any:
     late, or nothing tells the turns, the causal pass may have been led astray."""
     as_guessed = gtsam.Values(values)
     for k in range(len(problem.t)):
-        as_guessed.update(X(k), problem.initial_state(k))
+        as_guessed.update(X(k), nav_state=problem.initial_state(k))
     graph = graph_of(problem.entries)
     return min((values, as_guessed), key=graph.error)
 
