@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeVar
 
 import gtsam
@@ -14,7 +14,7 @@ from gtsam_nav.frames import Array
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.problem import Problem, SensorFactor
-from gtsam_nav.graph.readings import Reading, made
+from gtsam_nav.graph.readings import Reading, StateAt, made
 from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.graph.scan_matching import PlanarPose
 
@@ -115,9 +115,7 @@ class Backend:
     def update(self) -> None:
         """Let iSAM2 take in what is queued."""
         readings, self._new_readings = self._new_readings, []
-        for reading, factor in zip(readings, made(readings, self._linearised_at), strict=True):
-            robustness = DOUBTED if reading.is_gated else reading.robustness.at_first
-            self._new_factors.add(factors.robust(factor, robustness))
+        self._new_factors.push_back(at_first(readings, self._linearised_at))
         anew, self._has_jumped = self._has_jumped, self._bends
         try:
             self._isam.update(self._new_factors, self._new_values, force_relinearize=anew)
@@ -214,6 +212,15 @@ def graph_of(entries: Iterable[SensorFactor]) -> Any:
     graph = gtsam.NonlinearFactorGraph()
     for entry in entries:
         graph.add(entry.factor)
+    return graph
+
+
+def at_first(readings: Sequence[Reading], state_at: StateAt) -> Any:
+    """The factors of readings at present states, under the kernels that they have at first."""
+    graph = gtsam.NonlinearFactorGraph()
+    for reading, factor in zip(readings, made(readings, state_at), strict=True):
+        robustness = DOUBTED if reading.is_gated else reading.robustness.at_first
+        graph.add(factors.robust(factor, robustness))
     return graph
 
 

@@ -13,8 +13,8 @@ from scipy.linalg import block_diag
 from gtsam_nav.config import Config
 from gtsam_nav.frames import Array
 from gtsam_nav.graph import factors
-from gtsam_nav.graph.backend import Backend, graph_of, planar_pose
-from gtsam_nav.graph.factors import X
+from gtsam_nav.graph.backend import Backend, at_first, graph_of, planar_pose
+from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.false_loops import LoopFault
 from gtsam_nav.graph.problem import Problem, SensorFactor
 from gtsam_nav.graph.robust import Robustness
@@ -156,8 +156,18 @@ def _nearer_start(problem: Problem, values: Any) -> Any:
     as_guessed = gtsam.Values(values)
     for k in range(len(problem.t)):
         as_guessed.update(X(k), nav_state=problem.initial_state(k))
+        for key, first in problem.variables[k]:
+            if key != B(k):
+                as_guessed.update(key, nav_state=first(as_guessed.atNavState))
+    return min((values, as_guessed), key=lambda start: _cost(problem, start))
+
+
+def _cost(problem: Problem, values: Any) -> float:
+    """Of all factors, and of the readings under the kernels that they have at first."""
     graph = graph_of(problem.entries)
-    return min((values, as_guessed), key=graph.error)
+    readings = [reading for brought in problem.readings for reading in brought]
+    graph.push_back(at_first(readings, values.atNavState))
+    return float(graph.error(values))
 
 
 def _match_scan(
