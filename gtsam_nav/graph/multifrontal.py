@@ -151,8 +151,6 @@ class Factor:
             Covariance of each front's `borders`, where columns are left over and fronts have no
             parents.
         """
-        from scipy.linalg import solve_triangular
-
         places = [self.place[columns] for columns in wanted]
         at = np.searchsorted(self._ends, [p.min() for p in places], side="right")
         by_front: list[list[int]] = [[] for _ in self._fronts]
@@ -174,7 +172,7 @@ class Factor:
                     del known[parent]
             else:
                 beyond = np.empty((0, 0)) if of_borders is None else of_borders[k]
-            rows, cov = _inverse(front, beyond, solve_triangular)
+            rows, cov = _inverse(front, beyond)
             if children[k]:
                 known[k] = rows, cov
             for block in by_front[k]:
@@ -232,15 +230,17 @@ def _less_square(A: Array, W: Array) -> Array:
     return np.asarray(dsyrk(-1.0, W, 1.0, A.copy(order="F"), trans=1, lower=1, overwrite_c=1))
 
 
-def _inverse(front: _Front, beyond: Array, solve_triangular: Any) -> tuple[IntArray, Array]:
+def _inverse(front: _Front, beyond: Array) -> tuple[IntArray, Array]:
     """Rows of a front and the inverse there, from that of its border."""
+    from scipy.linalg import solve_triangular
+    from scipy.linalg.lapack import dpotri
+
     width = front.own.stop - front.own.start
-    both = np.hstack([front.W, np.eye(width)])
-    both = solve_triangular(front.L, both, lower=True, trans=1, check_finite=False)
-    gain, root = both[:, : len(front.border)], both[:, len(front.border) :]
+    own, _ = dpotri(front.L, lower=1)  # its pivots are positive: they made the factor
+    gain = solve_triangular(front.L, front.W, lower=True, trans=1, check_finite=False)
     cov = np.empty((width + len(front.border),) * 2)
     across = -gain @ beyond
-    cov[:width, :width] = root @ root.T - across @ gain.T
+    cov[:width, :width] = own + np.tril(own, -1).T - across @ gain.T
     cov[:width, width:], cov[width:, :width] = across, across.T
     cov[width:, width:] = beyond
     rows = np.concatenate([np.arange(front.own.start, front.own.stop), front.border])
