@@ -30,8 +30,8 @@ RELINEARIZE_EVERY = 10
 """Updates after which all states are solved for, and looked at for that: it takes as long as the
 mission is. Between them the latest ones are told by their marginals."""
 JUMP = np.repeat([0.15, 1.5], 3)
-"""Where the latest state has turned (rad) or moved (m) so far from its prediction, all are looked at
-next."""
+"""Where the latest state has turned (rad) or moved (m) so far from its prediction, all states are
+looked at next."""
 LEAST_CHANGE = 0.01
 """iSAM2 follows a change of its estimate (m, m/s, rad) backward in time until it is smaller: the
 latest states are solved for in any case."""
