@@ -128,7 +128,7 @@ def fixed_points(
     """
     cx, cy, nx, ny, order, first = cells
     out = np.zeros(len(xy), np.bool_)
-    for i in range(len(xy)):
+    for i in order:  # what lies beside each other is looked at together, while it is in the cache
         if is_line[i]:
             continue
         around = 0
