@@ -149,15 +149,20 @@ class Backend:
             self._begin_anew(error)
             return self._asked(question)
 
-    def state(self, k: int) -> Any:
-        """Current estimate of keyframe k, from which the next one is predicted."""
-        self._last_state = self._nav_state(X(k))
-        begun = self._isam.getLinearizationPoint().atNavState(X(k))
+    def latest(self, k: int) -> tuple[Any, Array]:
+        """Current estimate of keyframe k, from which the next one is predicted, and its covariance
+        (9, 9) in its tangent space."""
+        key = X(k)
+        marginal = self._marginal(key)
+        self._last_state = self._by_marginal(key, marginal)
+        begun = self._isam.getLinearizationPoint().atNavState(key)
         step = begun.localCoordinates(self._last_state)[:6]
         self._has_jumped |= bool((np.abs(step) > JUMP).any())
         if self.problem.uses_imu:
             self._last_bias = self._bias(B(k))
-        return self._last_state
+        if marginal is not None:
+            return self._last_state, np.linalg.inv(marginal.information())
+        return self._last_state, np.asarray(self._asked(lambda isam: isam.marginalCovariance(key)))
 
     def peek(self, k: int) -> Any:
         """Current estimate of any keyframe, without predicting from it."""
@@ -165,31 +170,30 @@ class Backend:
 
     def _nav_state(self, key: int) -> Any:
         """Current estimate of one state: to solve for all of them takes as long as the mission."""
-        step = self._step(key)
-        if step is None:
+        return self._by_marginal(key, self._marginal(key))
+
+    def _by_marginal(self, key: int, marginal: Any) -> Any:
+        if marginal is None:
             return self._isam.calculateEstimateNavState(key)
-        return self._isam.getLinearizationPoint().atNavState(key).retract(step)
+        begun = self._isam.getLinearizationPoint().atNavState(key)
+        return begun.retract(marginal.solve(gtsam.VectorValues()).at(key))
 
     def _bias(self, key: int) -> Any:
         """The same of an IMU's bias."""
-        step = self._step(key)
-        if step is None:
+        marginal = self._marginal(key)
+        if marginal is None:
             return self._isam.calculateEstimateConstantBias(key)
-        return self._isam.getLinearizationPoint().atConstantBias(key).retract(step)
+        begun = self._isam.getLinearizationPoint().atConstantBias(key)
+        return begun.retract(marginal.solve(gtsam.VectorValues()).at(key))
 
-    def _step(self, key: int) -> Array | None:
-        """Mean of a state's marginal, from where it was linearised; by Cholesky or not at all."""
+    def _marginal(self, key: int) -> Any:
+        """A state's marginal, about where it was linearised; by Cholesky or not at all."""
         if self._by_qr:
             return None
         try:
-            marginal = self._isam.marginalFactor(key)
+            return self._isam.marginalFactor(key)
         except RuntimeError:
             return None
-        return np.asarray(marginal.solve(gtsam.VectorValues()).at(key))
-
-    def covariance(self, k: int) -> Array:
-        """Marginal covariance (9, 9) of keyframe k in its tangent space."""
-        return np.asarray(self._asked(lambda isam: isam.marginalCovariance(X(k))))
 
     def joint_planar_covariances(self, earlier: list[int], b: int) -> list[Array]:
         """Covariances (6, 6) of (dn, de, dyaw) of each of some keyframes and of keyframe b."""

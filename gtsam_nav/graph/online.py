@@ -118,8 +118,9 @@ def run_online(
         done.backend.update()
         for k in range(end - 1 if is_stated else begin, end):
             done.keyframes.append(k)
-            done.states.append(done.backend.state(k))
-            done.covariances.append(done.backend.covariance(k))
+            state, covariance = done.backend.latest(k)
+            done.states.append(state)
+            done.covariances.append(covariance)
         for s in np.flatnonzero((scan_keyframe >= begin) & (scan_keyframe < end)).tolist():
             k = int(scan_keyframe[s])
             poses.append(planar_pose(done.states[k], done.covariances[k]))

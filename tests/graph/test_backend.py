@@ -76,7 +76,7 @@ def test_slow_states_begin_where_they_are_known_to_be(monkeypatch: pytest.Monkey
     for k in range(4):
         backend.add_keyframe(k)
         backend.update()
-        backend.state(k)
+        backend.latest(k)
     before, last = backend.values(), backend.problem.t.size - 1
     backend.add_keyframe(last)
     backend.update()
