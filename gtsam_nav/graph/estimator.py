@@ -78,6 +78,7 @@ def _estimated(mission: Mission, config: Config, clock: StageClock, progress: Pr
     with clock.stage("covariance"), states_named(problem):
         give_back()
         covariances = _covariances(problem, solved.graph, solved.refined)
+        give_back()
     return solution_of(ready, echoes, solved, covariances)
 
 
