@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeVar
 
 import gtsam
@@ -14,7 +14,7 @@ from gtsam_nav.frames import Array
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.problem import Problem, SensorFactor
-from gtsam_nav.graph.readings import Reading, made
+from gtsam_nav.graph.readings import Reading, StateAt, made
 from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.graph.scan_matching import PlanarPose
 
@@ -29,8 +29,9 @@ RELINEARIZE_BIAS = 0.05
 RELINEARIZE_EVERY = 10
 """Updates after which all states are solved for, and looked at for that: it takes as long as the
 mission is. Between them the latest ones are told by their marginals."""
-JUMP_RAD, JUMP_M = 0.15, 1.5
-"""Where the latest state has turned or moved so far from its prediction, all are looked at next."""
+JUMP = np.repeat([0.15, 1.5], 3)
+"""Where the latest state has turned (rad) or moved (m) so far from its prediction, all states are
+looked at next."""
 LEAST_CHANGE = 0.01
 """iSAM2 follows a change of its estimate (m, m/s, rad) backward in time until it is smaller: the
 latest states are solved for in any case."""
@@ -114,9 +115,7 @@ class Backend:
     def update(self) -> None:
         """Let iSAM2 take in what is queued."""
         readings, self._new_readings = self._new_readings, []
-        for reading, factor in zip(readings, made(readings, self._linearised_at), strict=True):
-            robustness = DOUBTED if reading.is_gated else reading.robustness.at_first
-            self._new_factors.add(factors.robust(factor, robustness))
+        self._new_factors.push_back(at_first(readings, self._linearised_at))
         anew, self._has_jumped = self._has_jumped, self._bends
         try:
             self._isam.update(self._new_factors, self._new_values, force_relinearize=anew)
@@ -150,15 +149,20 @@ class Backend:
             self._begin_anew(error)
             return self._asked(question)
 
-    def state(self, k: int) -> Any:
-        """Current estimate of keyframe k, from which the next one is predicted."""
-        self._last_state = self._nav_state(X(k))
-        begun = self._isam.getLinearizationPoint().atNavState(X(k))
-        turned, moved = np.split(np.abs(begun.localCoordinates(self._last_state)[:6]), 2)
-        self._has_jumped |= bool(np.max(turned) > JUMP_RAD or np.max(moved) > JUMP_M)
+    def latest(self, k: int) -> tuple[Any, Array]:
+        """Current estimate of keyframe k, from which the next one is predicted, and its covariance
+        (9, 9) in its tangent space."""
+        key = X(k)
+        marginal = self._marginal(key)
+        self._last_state = self._by_marginal(key, marginal)
+        begun = self._isam.getLinearizationPoint().atNavState(key)
+        step = begun.localCoordinates(self._last_state)[:6]
+        self._has_jumped |= bool((np.abs(step) > JUMP).any())
         if self.problem.uses_imu:
             self._last_bias = self._bias(B(k))
-        return self._last_state
+        if marginal is not None:
+            return self._last_state, np.linalg.inv(marginal.information())
+        return self._last_state, np.asarray(self._asked(lambda isam: isam.marginalCovariance(key)))
 
     def peek(self, k: int) -> Any:
         """Current estimate of any keyframe, without predicting from it."""
@@ -166,31 +170,30 @@ class Backend:
 
     def _nav_state(self, key: int) -> Any:
         """Current estimate of one state: to solve for all of them takes as long as the mission."""
-        step = self._step(key)
-        if step is None:
+        return self._by_marginal(key, self._marginal(key))
+
+    def _by_marginal(self, key: int, marginal: Any) -> Any:
+        if marginal is None:
             return self._isam.calculateEstimateNavState(key)
-        return self._isam.getLinearizationPoint().atNavState(key).retract(step)
+        begun = self._isam.getLinearizationPoint().atNavState(key)
+        return begun.retract(marginal.solve(gtsam.VectorValues()).at(key))
 
     def _bias(self, key: int) -> Any:
         """The same of an IMU's bias."""
-        step = self._step(key)
-        if step is None:
+        marginal = self._marginal(key)
+        if marginal is None:
             return self._isam.calculateEstimateConstantBias(key)
-        return self._isam.getLinearizationPoint().atConstantBias(key).retract(step)
+        begun = self._isam.getLinearizationPoint().atConstantBias(key)
+        return begun.retract(marginal.solve(gtsam.VectorValues()).at(key))
 
-    def _step(self, key: int) -> Array | None:
-        """Mean of a state's marginal, from where it was linearised; by Cholesky or not at all."""
+    def _marginal(self, key: int) -> Any:
+        """A state's marginal, about where it was linearised; by Cholesky or not at all."""
         if self._by_qr:
             return None
         try:
-            marginal = self._isam.marginalFactor(key)
+            return self._isam.marginalFactor(key)
         except RuntimeError:
             return None
-        return np.asarray(marginal.solve(gtsam.VectorValues()).at(key))
-
-    def covariance(self, k: int) -> Array:
-        """Marginal covariance (9, 9) of keyframe k in its tangent space."""
-        return np.asarray(self._asked(lambda isam: isam.marginalCovariance(X(k))))
 
     def joint_planar_covariances(self, earlier: list[int], b: int) -> list[Array]:
         """Covariances (6, 6) of (dn, de, dyaw) of each of some keyframes and of keyframe b."""
@@ -213,6 +216,15 @@ def graph_of(entries: Iterable[SensorFactor]) -> Any:
     graph = gtsam.NonlinearFactorGraph()
     for entry in entries:
         graph.add(entry.factor)
+    return graph
+
+
+def at_first(readings: Sequence[Reading], state_at: StateAt) -> Any:
+    """The factors of readings at present states, under the kernels that they have at first."""
+    graph = gtsam.NonlinearFactorGraph()
+    for reading, factor in zip(readings, made(readings, state_at), strict=True):
+        robustness = DOUBTED if reading.is_gated else reading.robustness.at_first
+        graph.add(factors.robust(factor, robustness))
     return graph
 
 

@@ -7,7 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from gtsam_nav.frames import Array, quaternion_from_rotation, rotation_from_rpy, wrap_angle
+from gtsam_nav.frames import (
+    Array,
+    quaternion_from_rotation,
+    rotation_from_quaternion,
+    rotation_from_rpy,
+    wrap_angle,
+)
 from gtsam_nav.graph.bridge import Bridge, inertial_bridge, joint_of_neighbours, steady_bridge
 from gtsam_nav.graph.carried import Carried, carried, joined
 from gtsam_nav.graph.factors import B, X
@@ -136,7 +142,8 @@ def _intervals(
     bridges = [_bridge(problem, k, own, by) for k, own, by in zip(ks, t, gained, strict=True)]
     links = np.array([_link(problem, k, bridge) for k, bridge in zip(ks, bridges, strict=True)])
     joint = joint_of_neighbours(cov_n[into - 1], cov_n[into], links)
-    turned = keyframes.R_nb[into] @ np.swapaxes(R_nb[last], 1, 2)
+    R_into = rotation_from_quaternion(keyframes.q_nb_wxyz[into])
+    turned = R_into @ np.swapaxes(R_nb[last], 1, 2)
     speed, shift = keyframes.v_n[into] - v_n[last], keyframes.p_n[into] - p_n[last]
     missed = np.hstack([Rotation.from_matrix(turned).as_rotvec(), speed, shift])
     put_right = np.concatenate(

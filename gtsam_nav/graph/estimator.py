@@ -16,7 +16,7 @@ from gtsam_nav.graph.doubts import unsure_for_echoes
 from gtsam_nav.graph.exact_edges import refine_exactly
 from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.false_loops import loop_faults
-from gtsam_nav.graph.heap import give_back
+from gtsam_nav.graph.heap import give_back, keep_large
 from gtsam_nav.graph.indeterminacy import check_anchored, states_named
 from gtsam_nav.graph.knot_system import JointPosterior
 from gtsam_nav.graph.loop_judging import judged
@@ -63,6 +63,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     EstimationError
         Where the graph is indeterminate or diverges.
     """
+    keep_large()
     clock = StageClock()
     solution = _estimated(mission, config, clock, progress)
     give_back()
@@ -77,6 +78,7 @@ def _estimated(mission: Mission, config: Config, clock: StageClock, progress: Pr
     with clock.stage("covariance"), states_named(problem):
         give_back()
         covariances = _covariances(problem, solved.graph, solved.refined)
+        give_back()
     return solution_of(ready, echoes, solved, covariances)
 
 

@@ -79,12 +79,12 @@ class Factor:
         brought: list[list[tuple[IntArray, Array]]] = [[] for _ in self._parent]
         first = 0
         for k, end in enumerate(self._ends.tolist()):
-            border, A = _assembled(matrix, meeting, slice(first, end), brought[k])
+            border, A, beyond = _assembled(matrix, meeting, slice(first, end), brought[k])
             brought[k] = []
             width = end - first
-            L = cholesky(A[:width, :width], lower=True, check_finite=False)
-            W = solve_triangular(L, A[width:, :width].T, lower=True, check_finite=False)
-            rest = _less_square(A[width:, width:], W)
+            L = cholesky(A[:width], lower=True, check_finite=False)
+            W = solve_triangular(L, A[width:].T, lower=True, check_finite=False)
+            rest = _less_square(beyond, W)
             if self._parent[k] >= 0:
                 brought[self._parent[k]].append((border, rest))
             elif len(border):
@@ -151,8 +151,6 @@ class Factor:
             Covariance of each front's `borders`, where columns are left over and fronts have no
             parents.
         """
-        from scipy.linalg import solve_triangular
-
         places = [self.place[columns] for columns in wanted]
         at = np.searchsorted(self._ends, [p.min() for p in places], side="right")
         by_front: list[list[int]] = [[] for _ in self._fronts]
@@ -174,7 +172,7 @@ class Factor:
                     del known[parent]
             else:
                 beyond = np.empty((0, 0)) if of_borders is None else of_borders[k]
-            rows, cov = _inverse(front, beyond, solve_triangular)
+            rows, cov = _inverse(front, beyond)
             if children[k]:
                 known[k] = rows, cov
             for block in by_front[k]:
@@ -200,8 +198,9 @@ def pattern_of(blocks: Sequence[IntArray], n: int) -> Any:
 
 def _assembled(
     matrix: Any, meeting: Any, own: slice, brought: list[tuple[IntArray, Array]]
-) -> tuple[IntArray, Array]:
-    """A front's border, and the lower triangle of its matrix with what its children left."""
+) -> tuple[IntArray, Array, Array]:
+    """A front's border, and the lower triangle of its matrix with what its children left: the own
+    columns, and those of the border."""
     from gtsam_nav.graph._front_kernel import add_lower
 
     width = own.stop - own.start
@@ -216,31 +215,36 @@ def _assembled(
         touched[rows[rows >= own.stop] - own.stop] = True
     border = np.flatnonzero(touched) + own.stop
     rows = np.concatenate([np.arange(own.start, own.stop), border])
-    A = np.zeros((len(rows), len(rows)), order="F")
+    A = np.zeros((len(rows), width), order="F")
+    beyond = np.zeros((len(border), len(border)), order="F")
     A[np.searchsorted(rows, row), column] = value
     for theirs, rest in brought:
-        add_lower(A, np.searchsorted(rows, theirs), rest)
-    return border, A
+        add_lower(A, beyond, np.searchsorted(rows, theirs), rest)
+    return border, A, beyond
 
 
 def _less_square(A: Array, W: Array) -> Array:
-    """``A - W' W``, of which only the lower triangle means anything."""
+    """``A - W' W`` in A's place, of which only the lower triangle means anything."""
     from scipy.linalg.blas import dsyrk
 
     if A.size == 0:
         return A
-    return np.asarray(dsyrk(-1.0, W, 1.0, A.copy(order="F"), trans=1, lower=1, overwrite_c=1))
+    return np.asarray(dsyrk(-1.0, W, 1.0, A, trans=1, lower=1, overwrite_c=1))
 
 
-def _inverse(front: _Front, beyond: Array, solve_triangular: Any) -> tuple[IntArray, Array]:
+def _inverse(front: _Front, beyond: Array) -> tuple[IntArray, Array]:
     """Rows of a front and the inverse there, from that of its border."""
+    from scipy.linalg import solve_triangular
+    from scipy.linalg.lapack import dpotri
+
     width = front.own.stop - front.own.start
-    both = np.hstack([front.W, np.eye(width)])
-    both = solve_triangular(front.L, both, lower=True, trans=1, check_finite=False)
-    gain, root = both[:, : len(front.border)], both[:, len(front.border) :]
+    own, _ = dpotri(front.L, lower=1)  # its pivots are positive: they made the factor
+    gain = solve_triangular(front.L, front.W, lower=True, trans=1, check_finite=False)
+    own += np.tril(own, -1).T
     cov = np.empty((width + len(front.border),) * 2)
     across = -gain @ beyond
-    cov[:width, :width] = root @ root.T - across @ gain.T
+    own -= across @ gain.T
+    cov[:width, :width] = own
     cov[:width, width:], cov[width:, :width] = across, across.T
     cov[width:, width:] = beyond
     rows = np.concatenate([np.arange(front.own.start, front.own.stop), front.border])

@@ -13,8 +13,8 @@ from scipy.linalg import block_diag
 from gtsam_nav.config import Config
 from gtsam_nav.frames import Array
 from gtsam_nav.graph import factors
-from gtsam_nav.graph.backend import Backend, graph_of, planar_pose
-from gtsam_nav.graph.factors import X
+from gtsam_nav.graph.backend import Backend, at_first, graph_of, planar_pose
+from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.false_loops import LoopFault
 from gtsam_nav.graph.problem import Problem, SensorFactor
 from gtsam_nav.graph.robust import Robustness
@@ -118,8 +118,9 @@ def run_online(
         done.backend.update()
         for k in range(end - 1 if is_stated else begin, end):
             done.keyframes.append(k)
-            done.states.append(done.backend.state(k))
-            done.covariances.append(done.backend.covariance(k))
+            state, covariance = done.backend.latest(k)
+            done.states.append(state)
+            done.covariances.append(covariance)
         for s in np.flatnonzero((scan_keyframe >= begin) & (scan_keyframe < end)).tolist():
             k = int(scan_keyframe[s])
             poses.append(planar_pose(done.states[k], done.covariances[k]))
@@ -155,9 +156,19 @@ def _nearer_start(problem: Problem, values: Any) -> Any:
     late, or nothing tells the turns, the causal pass may have been led astray."""
     as_guessed = gtsam.Values(values)
     for k in range(len(problem.t)):
-        as_guessed.update(X(k), problem.initial_state(k))
+        as_guessed.update(X(k), nav_state=problem.initial_state(k))
+        for key, first in problem.variables[k]:
+            if key != B(k):
+                as_guessed.update(key, nav_state=first(as_guessed.atNavState))
+    return min((values, as_guessed), key=lambda start: _cost(problem, start))
+
+
+def _cost(problem: Problem, values: Any) -> float:
+    """Of all factors, and of the readings under the kernels that they have at first."""
     graph = graph_of(problem.entries)
-    return min((values, as_guessed), key=graph.error)
+    readings = [reading for brought in problem.readings for reading in brought]
+    graph.push_back(at_first(readings, values.atNavState))
+    return float(graph.error(values))
 
 
 def _match_scan(

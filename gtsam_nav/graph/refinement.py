@@ -18,6 +18,7 @@ import numpy as np
 
 from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.graph.factors import X
+from gtsam_nav.graph.heap import give_back
 from gtsam_nav.graph.knot_system import JointPosterior, KnotSystem
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.scan_pairs import PlacedEchoes, ScanPairs, nearby_scans
@@ -183,7 +184,8 @@ class JointRefinement:
         posterior: JointPosterior | None = None
         system: KnotSystem | None = None
         while not settled and count < s.max_iterations:
-            posterior = None  # its fronts make room for the next ones
+            posterior = None  # its fronts make room for pairs of echoes, and these for the next
+            give_back()
             origin = self._planar_of(values)
             placed = self._place(origin)
             by_x = sorted_by_x(placed.xy, self.scan, self.scan_first)
@@ -201,8 +203,11 @@ class JointRefinement:
             before = posterior.planar
             largest, knot = float(np.max(moved)), int(np.argmax(moved))
             log.debug("refinement: largest step %.3f m at knot %d", largest, knot)
-            settled = gate <= s.last_gate_m and largest < s.converged_m
+            still = largest < s.converged_m
+            settled = still and gate <= s.last_gate_m
             gate = max(gate * s.gate_factor, s.last_gate_m)
+            if still and not settled:  # a wider gate has nothing left to bring in
+                gate, self._rounds = s.last_gate_m, 0
             count += 1
             if np.any(np.abs(before) > ALL_BUT_LINEAR):
                 system = None

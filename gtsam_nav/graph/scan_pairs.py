@@ -25,6 +25,9 @@ class PlacedEchoes(NamedTuple):
 def nearby_scans(ne: Array, sizes: IntArray, radius_m: float, most: int) -> IntArray:
     """Pairs of scans that were taken near each other, shape (p, 2), the earlier one first.
 
+    They are in the order of the places where they lie: those at one place share their echoes, which
+    a processor's cache holds while it goes through them.
+
     Where a mission sees a place more often, a scan is compared with the nearest one of each
     passage, then with the second nearest, until it has enough: what all of them know together
     grows with their number, not with that of their pairs.
@@ -40,7 +43,8 @@ def nearby_scans(ne: Array, sizes: IntArray, radius_m: float, most: int) -> IntA
     """
     from scipy.spatial import cKDTree
 
-    near = cKDTree(ne).query_pairs(radius_m, output_type="ndarray").astype(np.int64)
+    tree = cKDTree(ne)
+    near = tree.query_pairs(radius_m, output_type="ndarray").astype(np.int64)
     near = near[np.all(sizes[near] > 0, axis=1)]
     scan, other = np.concatenate([near, near[:, ::-1]]).T
     order = np.lexsort((other, scan))
@@ -50,8 +54,9 @@ def nearby_scans(ne: Array, sizes: IntArray, radius_m: float, most: int) -> IntA
     passage = np.cumsum(starts | (np.diff(other, prepend=-1) != 1))
     rank = _rank_within(passage, distance)
     chosen = _rank_within(scan, rank + distance / (1.0 + radius_m)) < most
-    pairs = np.sort(np.column_stack([scan, other])[chosen], axis=1)
-    return np.unique(pairs, axis=0)
+    pairs = np.unique(np.sort(np.column_stack([scan, other])[chosen], axis=1), axis=0)
+    leaf = np.argsort(tree.indices)
+    return pairs[np.lexsort(leaf[pairs].T[::-1])]
 
 
 def _rank_within(group: IntArray, value: Array) -> IntArray:

@@ -12,7 +12,7 @@ import pytest
 from gtsam_nav.config import Config
 from gtsam_nav.frames import Array
 from gtsam_nav.graph import backend as backend_module
-from gtsam_nav.graph.backend import JUMP_M, LEAST_CHANGE, Backend, graph_of, planar_rows
+from gtsam_nav.graph.backend import JUMP, LEAST_CHANGE, Backend, graph_of, planar_rows
 from gtsam_nav.graph.factors import B, M, X
 from gtsam_nav.graph.keyframes import keyframe_times
 from gtsam_nav.graph.measurements import build_problem
@@ -76,7 +76,7 @@ def test_slow_states_begin_where_they_are_known_to_be(monkeypatch: pytest.Monkey
     for k in range(4):
         backend.add_keyframe(k)
         backend.update()
-        backend.state(k)
+        backend.latest(k)
     before, last = backend.values(), backend.problem.t.size - 1
     backend.add_keyframe(last)
     backend.update()
@@ -200,7 +200,7 @@ def test_after_a_jump_all_states_are_looked_at(monkeypatch: pytest.MonkeyPatch) 
 
     def beside(self: Problem, k: int, before: Any, bias: Any) -> Any:
         state = predicted(self, k, before, bias)
-        return state.retract(np.eye(9)[3] * 2.0 * JUMP_M) if k == 1 else state
+        return state.retract(np.eye(9)[3] * 2.0 * JUMP[3]) if k == 1 else state
 
     monkeypatch.setattr(Problem, "predicted", beside)
     online_positions(mission)

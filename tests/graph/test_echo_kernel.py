@@ -11,6 +11,7 @@ import pytest
 from gtsam_nav.frames import Array
 from gtsam_nav.graph._echo_equations import squared_residuals
 from gtsam_nav.graph._echo_kernel import (
+    MOST_AROUND,
     ByX,
     fixed_points,
     grid,
@@ -232,7 +233,8 @@ def test_groups_of_which_some_members_are_kept() -> None:
     np.testing.assert_array_equal(kept(keep, np.array([0, 2, 2, 5, 6])), [0, 1, 1, 2, 3])
 
 
-def test_fixed_points_are_corners_and_scatterers() -> None:
+def surroundings() -> tuple[Array, BoolArray, Array]:
+    """Two walls of nine echoes each, a stray, a corner, a pile of three, and one far from all."""
     wall = np.column_stack([np.linspace(-2, 2, 9), np.zeros(9)])
     other = np.column_stack([np.full(9, 2.0), np.linspace(0, 4, 9)])
     stray, corner = [[-1.0, 0.6]], [[1.8, 0.2]]
@@ -241,12 +243,28 @@ def test_fixed_points_are_corners_and_scatterers() -> None:
     is_line = np.arange(len(xy)) < 18
     normal = np.zeros((len(xy), 2))
     normal[:9], normal[9:18] = [0.0, 1.0], [1.0, 0.0]
+    return xy, is_line, normal
+
+
+def test_fixed_points_are_corners_and_scatterers() -> None:
+    xy, is_line, normal = surroundings()
     found = fixed_points(xy, grid(xy, 1.5), normal, is_line, 1.5)
     assert not np.any(found[:18])  # echoes of walls
     assert not found[18]  # stray echo beside one wall
     assert found[19]  # corner
     assert np.all(found[20:23])  # scatterer
     assert not found[23]  # alone: nothing to compare with
+
+
+def test_fixed_points_are_the_same_where_a_mission_comes_by_very_often() -> None:
+    xy, is_line, normal = (np.repeat(part, 300, axis=0) for part in surroundings())
+    kind = np.repeat(np.arange(24), 300)
+    mixed = np.random.default_rng(0).permutation(len(xy))
+    xy, is_line, normal, kind = xy[mixed], is_line[mixed], normal[mixed], kind[mixed]
+    assert MOST_AROUND < 2000  # echoes beside the stray and the corner
+    found = fixed_points(xy, grid(xy, 1.5), normal, is_line, 1.5)
+    assert not np.any(found[kind <= 18])
+    assert np.all(found[kind > 18])
 
 
 def test_squared_residuals_of_walls_and_points() -> None:

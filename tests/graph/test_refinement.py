@@ -22,6 +22,8 @@ SAME_M = 0.01
 
 MOST_ITERATIONS = 9
 """Eight narrow the gate; a start that is off by a turn or a stretch needs none of its own."""
+FEW_ITERATIONS = 3
+"""One at the widest gate, one at the last, and one for what that still moves."""
 
 
 @dataclass
@@ -102,3 +104,8 @@ def test_sensors_linearised_anew_at_each_step_lead_to_the_same(
     monkeypatch.setattr(refinement, "ALL_BUT_LINEAR", np.zeros(3))
     refined = start.refined(start.values)
     np.testing.assert_allclose(start.positions(refined.values), plain, atol=SAME_M)
+
+
+def test_a_gate_at_which_nothing_moves_narrows_at_once(start: Start) -> None:
+    settled = start.refined(start.values).values
+    assert start.refined(settled).iterations <= FEW_ITERATIONS

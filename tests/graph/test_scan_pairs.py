@@ -36,4 +36,14 @@ def test_pairs_grow_with_the_number_of_scans() -> None:
     assert len(nearby_scans(ne, sizes, 30.0, 1000)) == 400 * 399 // 2
     bounded = nearby_scans(ne, sizes, 30.0, 20)
     assert 400 * 20 // 2 <= len(bounded) <= 400 * 20
-    np.testing.assert_array_equal(bounded, np.unique(np.sort(bounded, axis=1), axis=0))
+    assert np.all(bounded[:, 0] < bounded[:, 1])
+    assert len(np.unique(bounded, axis=0)) == len(bounded)
+
+
+def test_pairs_at_one_place_follow_each_other() -> None:
+    """Their echoes are then still in the cache, however many laps came between them."""
+    ne = np.column_stack([np.tile(np.arange(0.0, 1000.0, 10.0), 20), np.zeros(2000)])
+    found = nearby_scans(ne, np.ones(2000, dtype=int), 15.0, 10)
+    moved_m = np.abs(np.diff(ne[found[:, 0], 0]))
+    in_order_of_time = np.abs(np.diff(ne[np.unique(found, axis=0)[:, 0], 0]))
+    assert np.sum(moved_m) < 0.2 * np.sum(in_order_of_time)
