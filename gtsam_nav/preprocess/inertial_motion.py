@@ -136,6 +136,8 @@ def _attitude(
     else:
         offset, bias_b[2] = _course_less_turn(fixes, readings, turned, noise, start.rpy[2])
         yaw = turned + offset
+        if start.heading_known:  # it was stated: the course may be another
+            yaw += start.rpy[2] - np.interp(start.t, readings.t, yaw)
     return np.column_stack([tilt, yaw]), bias_b
 
 
