@@ -67,7 +67,7 @@ def _add_positions(
     arm_b = _arms(problem, gnss, series.t, keyframe)
     if shares_error:
         keys = [(error_key(number, k), int(X(k))) for k in keyframe.tolist()]
-        maker = _with_errors(keys, series.p_n, arm_b, sigma)
+        maker = _with_errors(keys, series.p_n, arm_b - gnss.xyz_b, gnss.xyz_b, sigma)
     else:
         rows = zip(keyframe.tolist(), series.p_n, arm_b, sigma, strict=True)
         maker = as_given([factors.gnss(X(k), p_n, arm, own) for k, p_n, arm, own in rows])
@@ -85,14 +85,20 @@ def _add_positions(
         )
 
 
-def _with_errors(keys: list[tuple[int, int]], p_n: Array, arm_b: Array, sigma: Array) -> Maker:
-    """Fixes of the antenna with their shared errors."""
+def _with_errors(
+    keys: list[tuple[int, int]], p_n: Array, carried_b: Array, lever_b: Array, sigma: Array
+) -> Maker:
+    """Fixes of the antenna with their shared errors.
+
+    The way by which they are carried has told its yaw already, as a displacement.
+    """
 
     def make(rows: Sequence[int], state_at: StateAt) -> list[Any]:
         R_nb, _, _ = factors.parts(state_at(keys[i][1]) for i in rows)
+        at_keyframe_n = p_n[rows] - np.einsum("kij,kj->ki", R_nb, carried_b[rows])
         return [
-            factors.gnss_with_error(*keys[i], p_n[i], arm_b[i], R, sigma[i])
-            for i, R in zip(rows, R_nb, strict=True)
+            factors.gnss_with_error(*keys[i], fix_n, lever_b, R, sigma[i])
+            for i, fix_n, R in zip(rows, at_keyframe_n, R_nb, strict=True)
         ]
 
     return make
