@@ -285,8 +285,9 @@ class LinearFactor(gtsam.LinearContainerFactor):
         for key, state in zip(keys, states, strict=True):
             insert(values, key, state)
         unit = gtsam.noiseModel.Unit.Create(len(residual))
-        blocks = [part for block in zip(keys, jacobians, strict=True) for part in block]
-        super().__init__(gtsam.JacobianFactor(*blocks, -residual, unit), values)
+        blocks = (part for of_one in zip(keys, jacobians, strict=True) for part in of_one)
+        linear: Any = gtsam.JacobianFactor  # its stubs count the blocks
+        super().__init__(linear(*blocks, -residual, unit), values)
 
     def whitenedError(self, values: Any) -> Array:  # noqa: N802
         """The whitened residual at other values, as native factors tell theirs."""
