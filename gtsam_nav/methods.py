@@ -154,6 +154,7 @@ def estimate(
     from gtsam_nav.preprocess.stamp_units import check_stamp_units
     from gtsam_nav.preprocess.turning import (
         bounded_by_way,
+        unknown_where_not_told,
         warnings_on_turns,
         warnings_on_yaw,
     )
@@ -182,9 +183,11 @@ def estimate(
         what = " ".join(str(error).split())[:300]
         raise EstimationError(f"{method} could not solve '{mission.name}': {what}") from error
     if _has_velocity(blind):
-        online = solution.online and bounded_by_way(solution.online)
         whole = bounded_by_way(solution.trajectory)
+        online = solution.online and bounded_by_way(solution.online)
         solution = replace(solution, trajectory=whole, online=online)
+    whole, online = unknown_where_not_told(blind, solution.trajectory, solution.online)
+    solution = replace(solution, trajectory=whole, online=online)
     doubts = (*warnings_on_yaw(blind, solution.trajectory), *contradictions(solution))
     return replace(
         solution,

@@ -221,6 +221,15 @@ class Mission:
         return next(iter(self.of_type(sensor_type)), None)
 
     @property
+    def aboard(self) -> str:
+        """Its sensors' names, for a message; those without a sample are said to have none."""
+        names = [
+            name if len(sensor.series) else f"{name} (without samples)"
+            for name, sensor in sorted(self.sensors.items())
+        ]
+        return ", ".join(names) or "no sensor"
+
+    @property
     def reference(self) -> Sensor | None:
         """The ground truth, where the mission carries one; None otherwise."""
         return self.first("reference")

@@ -11,6 +11,7 @@ from gtsam_nav.audit.significance import FALSE_ALARM
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.repeats import measured_columns, repeats_of
+from gtsam_nav.series import ImuSeries
 
 RESOLVED_STEPS = 10
 """A column whose usual change is fewer steps of its resolution repeats by itself."""
@@ -18,6 +19,8 @@ FEWEST_EQUAL = 20
 """So many samples that measure anything at all are not equal to the last digit."""
 ARITHMETIC = 1e-3
 """What the arithmetic of units adds to a change, as a share of their root mean square, at most."""
+FEW_HELD = 0.1
+"""A smaller share of held readings of an IMU costs no more than the gaps that they would leave."""
 
 
 def stuck_findings(mission: Mission) -> Iterator[Finding]:
@@ -48,6 +51,10 @@ def repeat_findings(sensor: Sensor) -> Iterator[Finding]:
         f"last digit, where the resolution explains {share * n:.0f} places: old messages under new "
         f"stamps"
     )
+    if isinstance(sensor.series, ImuSeries) and np.mean(again) < FEW_HELD:
+        kept = f"{message}; few enough to keep, for a rate that is integrated must not pause"
+        yield Finding("stale messages", sensor.name, "ok", kept)
+        return
     yield Finding("stale messages", sensor.name, "warning", message, "drop_repeats: true")
 
 

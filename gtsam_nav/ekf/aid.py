@@ -45,6 +45,8 @@ class Aid:
         Of the residual in the shared errors; a callable tells it at a state.
     v_n : ndarray, shape (n, 3), optional
         Velocities over the ground where that is what is measured; ``sigma_v`` is theirs.
+    receiver : str
+        The GNSS receiver whose clock it goes by, if any.
     """
 
     name: str
@@ -60,6 +62,7 @@ class Aid:
     )
     v_n: Array | None = None
     sigma_v: float = 0.0
+    receiver: str = ""
 
     def by_shared(self, state: InertialState) -> Array:
         """Jacobian of the residual in the shared errors, at a state."""

@@ -82,6 +82,7 @@ def _gnss(
         settings.position_gate_probability if settings.reject_outliers else None,
         drift if share > 0 else NO_ERRORS,
         np.eye(rows) if share > 0 else np.empty((rows, 0)),
+        receiver=receiver.name,
     )
     v_n = series.v_n
     if v_n is None or not settings.use_velocity:
@@ -102,6 +103,7 @@ def _gnss(
         settings.velocity_gate_probability if settings.reject_outliers else None,
         v_n=v_n,
         sigma_v=noise.sigma_velocity_m_s,
+        receiver=receiver.name,
     )
 
 

@@ -79,7 +79,7 @@ def _still(spells: Spells, sigma: float, gate: float, mission: Mission) -> Aid:
 def _not_turning(spells: Spells, strapdown: Strapdown, gate: float) -> Aid:
     """The gyro's mean over a spell at rest is its bias and the Earth's rate."""
     noise = strapdown.noise.gyro_noise_density_rad_s_sqrt_hz / np.sqrt(SPELL_S)
-    sigma = np.maximum(noise, spells.rate_b.std(axis=0) if len(spells.t) > 1 else 0.0)
+    sigma = np.maximum(noise, spells.rate_b.std(axis=0) if len(spells.t) > 1 else np.zeros(3))
     earth_n = np.zeros(3) if strapdown.level is None else strapdown.level.earth_rate_n
 
     def rate(k: int, state: InertialState, _shared: Array) -> Prediction:

@@ -171,12 +171,17 @@ class ErrorStateFilter:
         nis = np.nan if S_inverse is None else float(residual @ S_inverse @ residual)
         return Update(residual, H, R, S_inverse, nis)
 
-    def correct(self, update: Update, *, shows_yaw: bool, leave_yaw: bool = False) -> None:
+    def correct(self, update: Update, *, shows_yaw: bool, leave_yaw: bool = False) -> Array:
         """Take a measurement in, in Joseph form.
 
         One that does not show the yaw leaves it as uncertain as it was, exactly: see `carried`.
         With ``leave_yaw`` the heading is considered, not estimated: its uncertainty counts, but the
         measurement does not change it (Schmidt's filter).
+
+        Returns
+        -------
+        ndarray, shape (n, m)
+            The gain.
 
         Raises
         ------
@@ -199,6 +204,7 @@ class ErrorStateFilter:
         self.state = self.state.corrected(error[:SIZE])
         self.shared = self.shared + error[SIZE:]
         self._correction = compose(self._correction, error)
+        return np.asarray(K)
 
     def widen(self, variance: Array) -> None:
         """Add variances (n,) to the errors, as noise between two nodes of the same time."""

@@ -102,7 +102,7 @@ def _imu(mission: Mission) -> Sensor:
     if imu is None:
         raise DataError(
             f"mission '{mission.name}': inertial navigation needs an IMU; the mission has:"
-            f" {', '.join(sorted(mission.sensors)) or 'no sensor'}"
+            f" {mission.aboard}"
         )
     return imu
 

@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from gtsam_nav.ekf.aid import Aid
+from gtsam_nav.ekf.clock_watch import ClockWatch
 from gtsam_nav.ekf.error_state import ErrorStateFilter, Node, SharedErrors, Update
 from gtsam_nav.ekf.gate import Gate
 from gtsam_nav.ekf.heading_search import FoundHeading, HeadingSearch
@@ -78,6 +79,9 @@ class InsRun:
         self._own = [slice(a, b) for a, b in pairwise(last)]
         self._search = HeadingSearch()
         self._gained_n = np.zeros(3)
+        receivers = dict.fromkeys(aid.receiver for aid in aids if aid.receiver)
+        self._clocks = ClockWatch(list(receivers), self.filter.size)
+        self._gained_before: list[tuple[float, Array]] = [(start.state.t, np.zeros(3))] * len(aids)
 
     def run(self, t_record: Array, progress: Progress) -> History:
         """Go through all measurements, and record the state at given times, after those of then."""
@@ -111,6 +115,7 @@ class InsRun:
         self._close_node()
         before_n = self.filter.state.v_n
         self.filter.predict(to_s)
+        self._clocks.predicted(self.filter.node.Phi)
         self._gained_n = self._gained_n + self.filter.state.v_n - before_n
 
     def _close_node(self) -> None:
@@ -132,11 +137,13 @@ class InsRun:
         if verdict == "reopen":
             self._reopen(which)
             update = self._with_noise_as_seen(which, self._compare(which, k))
-        self.filter.correct(
+        rate = self._rate(which, len(update.R))
+        gain = self.filter.correct(
             update,
             shows_yaw=aid.shows_yaw,
             leave_yaw=unknown and aid.observes not in ("heading", "gyro bias"),
         )
+        self._clocks.corrected(update, gain, aid.receiver, rate)
         self.history.used[which].append((self.filter.state.t, update.whitened))
         if not unknown:
             self._search.forget()
@@ -144,6 +151,15 @@ class InsRun:
             self._search_heading(aid.v_n[k], aid.sigma_v)
         elif aid.observes == "position":
             self._search_heading(None, 0.0)
+
+    def _rate(self, which: int, size: int) -> Array:
+        """How fast what a receiver measures changes: its velocity, or acceleration, along n."""
+        aid, state = self.aids[which], self.filter.state
+        if not aid.receiver or aid.observes == "position":
+            return state.v_n[:size]
+        t, gained_n = self._gained_before[which]
+        self._gained_before[which] = (state.t, self._gained_n)
+        return np.asarray((self._gained_n - gained_n)[:size] / max(state.t - t, 1e-9))
 
     def _with_noise_as_seen(self, which: int, update: Update) -> Update:
         """The measurement with the noise that the sensor's innovations show, where that is more."""
@@ -156,11 +172,12 @@ class InsRun:
         return self.filter.compare(update.residual, update.H, factor * update.R)
 
     def doubts(self) -> Iterator[str]:
-        """What is said of sensors that are worse than they state."""
+        """What is said of sensors that are worse than they state, or whose clock seems off."""
         for aid, watch in zip(self.aids, self._watches, strict=True):
             said = watch and watch.warning(aid.name)
             if said:
                 yield said
+        yield from self._clocks.doubts()
 
     def _compare(self, which: int, k: int) -> Update:
         aid, own = self.aids[which], self._own[which]
@@ -220,7 +237,8 @@ class InsRun:
         heading = float(wrap_angle(yaw + found.correction))
         prediction = predict_heading(body, heading, 0.0, found.sigma)
         update = self.filter.compare(prediction.residual, prediction.jacobian, prediction.cov)
-        self.filter.correct(update, shows_yaw=True)
+        gain = self.filter.correct(update, shows_yaw=True)
+        self._clocks.corrected(update, gain, "", np.zeros(1))
         self._search.forget()
         logger.info(
             "at %.1f s the heading is found: %.0f deg", self.filter.state.t, np.degrees(heading)

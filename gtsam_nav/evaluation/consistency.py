@@ -9,6 +9,9 @@ import numpy as np
 from gtsam_nav.evaluation.matching import Matched
 from gtsam_nav.frames import Array
 
+OVERCONFIDENT = 3.0
+"""Normalised squared errors that are so many times what they should be are worth a sentence."""
+
 
 @dataclass(frozen=True)
 class Consistency:
@@ -30,6 +33,14 @@ class Consistency:
     lower95: float
     upper95: float
     fraction_inside: float
+
+    @property
+    def overconfidence(self) -> str:
+        """What to say of errors far larger than their covariance has them; empty where not."""
+        if self.mean <= OVERCONFIDENT * self.dof:
+            return ""
+        times = float(np.sqrt(self.mean / self.dof))
+        return f"the errors are {times:.1f} times what the covariance states"
 
 
 def consistency(squared: Array, dof: int) -> Consistency | None:

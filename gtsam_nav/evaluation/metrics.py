@@ -130,6 +130,8 @@ class TrajectoryMetrics:
             lines.append(f"ate {name:<5}  {figures}")
         if self.nees is not None:
             lines.append(f"nees       {self.nees.mean:.2f} ({self.nees.dof} degrees of freedom)")
+            if self.nees.overconfidence:
+                lines[-1] += f": {self.nees.overconfidence}"
         if self.coverage is not None:
             lines.append(f"coverage   {self.coverage:.3f}")
         return lines

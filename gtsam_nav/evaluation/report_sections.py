@@ -211,6 +211,9 @@ def _consistency(report: Report) -> Html:
         "Squared errors over what the method says of itself. A mean above the expected one is "
         "overconfidence, below it caution."
     )
+    for name, m in report.metrics.items():
+        if m.nees is not None and m.nees.overconfidence:
+            note += f" {name}: {m.nees.overconfidence}."
     caption = (
         "Squared position error over its covariance; 95 % of honest ones lie between the lines."
     )

@@ -23,7 +23,7 @@ from gtsam_nav.registration.result import RelativePose
 KEPT_NOISES = 100
 """Of a kind: most factors share theirs with others."""
 
-Trio = tuple[Any, Any, Any]
+Several = tuple[Any, ...]
 
 # symbols of IMU bias, GNSS error, landmark, compass frame, range scale and keyframe
 __all__ = ["B", "G", "L", "M", "S", "X"]
@@ -210,30 +210,34 @@ def gnss(key: int, p_n: Array, lever_b: Array, sigma: Array) -> Any:
     return gtsam.GPSFactor2Arm(key, p_n, lever_b, precisions(1 / np.asarray(sigma) ** 2))
 
 
-def position_noise(sigma: Array) -> Any:
-    """Noise of a NavState of which only the position is measured."""
-    return precisions([0, 0, 0, *(1 / np.asarray(sigma) ** 2), 0, 0, 0])
+def gnss_with_error(
+    error: int, key: int, p_n: Array, arm_b: Array, R_nb: Array, sigma: Array
+) -> Any:
+    """Antenna position by GNSS with a shared error: ``p_n + R_nb arm_b - error_n - measured``.
 
-
-def gnss_with_error(error: int, key: int, p_n: Array, noise: Any) -> Any:
-    """Body position by GNSS with a shared error: ``p_n - error_n - measured``.
-
-    The noise is `position_noise`: fixes are made anew many times.
-    """
-    return gtsam.BetweenFactorNavState(error, key, displaced(p_n), noise)
-
-
-def gnss_velocity(key: int, v_n: Array, turning_b: Array, R_nb: Array, sigma: Array) -> Any:
-    """Antenna velocity: ``R_nb' (v_n - measured) + omega x lever``, body axes.
-
-    ``turning_b`` is the last term; ``R_nb`` turns the weights of n, e, d (an infinite sigma is
-    unobserved) into these axes.
+    The arm turns to first order about the present attitude ``R_nb``. An infinite sigma (of n, e, d)
+    is unobserved. The residual's axes stay: in axes that turned with the body, each residual would
+    seem to tell the yaw by its own noise.
     """
     root = np.zeros((9, 9))
-    root[6:, 6:] = R_nb / np.asarray(sigma)[:, None]
+    root[3:6, 3:6] = R_nb / np.asarray(sigma)[:, None]
+    root[3:6, :3] = -root[3:6, 3:6] @ skew(arm_b)
     noise = gtsam.noiseModel.Gaussian.SqrtInformation(root, False)
-    measured = nav_state(np.eye(3), np.zeros(3), v_n)
-    return gtsam.ExtendedPriorFactorNavState(key, measured, np.r_[np.zeros(6), -turning_b], noise)
+    measured = nav_state(R_nb, p_n - R_nb @ arm_b, np.zeros(3))
+    return gtsam.BetweenFactorNavState(error, key, measured, noise)
+
+
+def gnss_velocity(key: int, state: Any, v_n: Array, turning_b: Array, sigma: Array) -> Any:
+    """Antenna velocity: ``v_n + R_nb (omega x lever) - measured``, about the present state.
+
+    ``turning_b`` is the product; an infinite sigma (of n, e, d) is unobserved.
+    """
+    across = np.asarray(sigma)[:, None]
+    R_nb = state.attitude().matrix()
+    jacobian = np.zeros((3, 9))
+    jacobian[:, :3], jacobian[:, 6:] = -R_nb @ skew(turning_b) / across, R_nb / across
+    residual = (state.velocity() + R_nb @ turning_b - v_n) / sigma
+    return LinearFactor((key,), (state,), (jacobian,), residual)
 
 
 def _against_compass(compass: int | None, key: int, R_measured: Array, noise: Any) -> Any:
@@ -263,26 +267,27 @@ def heading(compass: int | None, key: int, heading_rad: float, R_nb: Array, sigm
 
 
 class LinearFactor(gtsam.LinearContainerFactor):
-    """A factor on three states, linear about their present values.
+    """A factor on up to three states, linear about their present values.
 
     Parameters
     ----------
-    keys, states : tuples of three
+    keys, states : tuples
         The states and their values, NavStates all.
-    jacobians : tuple of three ndarrays, shape (m, 9)
+    jacobians : tuple of ndarrays, shape (m, 9)
         Of the whitened residual, in their tangents.
     residual : ndarray, shape (m,)
         Whitened, at these values.
     """
 
-    def __init__(self, keys: Trio, states: Trio, jacobians: Trio, residual: Array) -> None:
+    def __init__(self, keys: Several, states: Several, jacobians: Several, residual: Array) -> None:
         self._parts, self._residual = (keys, states, jacobians), residual
         values = gtsam.Values()
         for key, state in zip(keys, states, strict=True):
             insert(values, key, state)
-        (a, b, c), (A, B, C) = keys, jacobians
         unit = gtsam.noiseModel.Unit.Create(len(residual))
-        super().__init__(gtsam.JacobianFactor(a, A, b, B, c, C, -residual, unit), values)
+        blocks = (part for of_one in zip(keys, jacobians, strict=True) for part in of_one)
+        linear: Any = gtsam.JacobianFactor  # its stubs count the blocks
+        super().__init__(linear(*blocks, -residual, unit), values)
 
     def whitenedError(self, values: Any) -> Array:  # noqa: N802
         """The whitened residual at other values, as native factors tell theirs."""
@@ -291,9 +296,9 @@ class LinearFactor(gtsam.LinearContainerFactor):
 
     def weighed(self, robustness: Robustness) -> LinearFactor:
         """The same with the weight that a kernel gives it where it was made."""
-        keys, states, (A, B, C) = self._parts
+        keys, states, jacobians = self._parts
         root = float(np.sqrt(weight(robustness, float(np.linalg.norm(self._residual)))))
-        return LinearFactor(keys, states, (root * A, root * B, root * C), root * self._residual)
+        return LinearFactor(keys, states, tuple(root * J for J in jacobians), root * self._residual)
 
 
 @lru_cache(maxsize=KEPT_NOISES)

@@ -9,7 +9,7 @@ import gtsam
 import numpy as np
 
 from gtsam_nav.frames import Array
-from gtsam_nav.graph.factors import LinearFactor, Trio, displaced, nav_state
+from gtsam_nav.graph.factors import LinearFactor, Several, displaced, nav_state
 
 Pair = tuple[Any, Any]
 
@@ -90,8 +90,8 @@ def level_sighting(
 
 
 def scaled_sighting(
-    keys: Trio,
-    states: Trio,
+    keys: Several,
+    states: Several,
     slopes: SightingSlopes,
     by_scale: Array,
     residual: Array,

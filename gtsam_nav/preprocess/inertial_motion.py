@@ -48,7 +48,7 @@ def inertial_motion(mission: Mission, start: Alignment, settings: MotionSettings
         beside = "; of 3-D clouds alone, method kiss tells it" if mission.first("scans") else ""
         raise DataError(
             f"mission '{mission.name}': the motion needs a DVL with valid samples, odometry or an"
-            f" IMU; the mission has: {', '.join(sorted(mission.sensors)) or 'no sensor'}{beside}"
+            f" IMU; the mission has: {mission.aboard}{beside}"
         )
     readings = readings_of(imu)
     fixes = mission.first("gnss")
@@ -136,6 +136,8 @@ def _attitude(
     else:
         offset, bias_b[2] = _course_less_turn(fixes, readings, turned, noise, start.rpy[2])
         yaw = turned + offset
+        if start.heading_known:  # it was stated: the course may be another
+            yaw += start.rpy[2] - np.interp(start.t, readings.t, yaw)
     return np.column_stack([tilt, yaw]), bias_b
 
 

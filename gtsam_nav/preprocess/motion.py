@@ -307,5 +307,5 @@ def _velocity_readings(
             return readings, rejections
     raise DataError(
         f"mission '{mission.name}': the velocity needs a DVL with valid samples or odometry;"
-        f" the mission has: {', '.join(sorted(mission.sensors)) or 'no sensor'}"
+        f" the mission has: {mission.aboard}"
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,10 @@ TURNING_TYPES = {"heading": "a heading", "imu": "an IMU", "odometry": "odometry"
 WITHOUT_GYRO = ("dr", "scan-match", "pose-ekf")
 """Methods whose dead reckoning takes no rates from an IMU."""
 HARDLY_TOLD_RAD = np.radians(5.0)
-"""A yaw that fixes have shown is surer; one that is not may sit at a wrong minimum of the cost."""
+"""A yaw that fixes have shown well is surer."""
+NOT_TOLD_RAD = np.radians(18.0)
+"""A less sure one is not told: the cost is so flat, and so far from a parabola, that its curvature
+claims twice what there is."""
 TURN_S = 5.0
 """How long a vehicle keeps a rate of turn, or thereabouts."""
 
@@ -42,20 +46,51 @@ def warnings_on_turns(method: str, mission: Mission) -> tuple[str, ...]:
     )
 
 
+def unknown_where_not_told(mission: Mission, *of_one: Trajectory | None) -> list[Any]:
+    """A solution's trajectories, which claim no yaw where fixes alone tell it and do not.
+
+    Parameters
+    ----------
+    of_one : Trajectory or None
+        The first, by which the others are judged too.
+    """
+    sigma = _sigma_by_fixes(mission, of_one[0])
+    if sigma is None or sigma < NOT_TOLD_RAD:
+        return list(of_one)
+    return [trajectory and _of_any_yaw(trajectory) for trajectory in of_one]
+
+
 def warnings_on_yaw(mission: Mission, trajectory: Trajectory) -> tuple[str, ...]:
     """What a user must hear of a yaw that accelerations beside fixes show, and hardly do."""
-    sigma = trajectory.sigma_rpy
-    told = any(mission.first(kind) for kind in ("heading", "odometry", "dvl", "landmarks", "scans"))
-    if told or sigma is None or mission.first("gnss") is None:
+    sigma = _sigma_by_fixes(mission, trajectory)
+    if sigma is None or sigma < HARDLY_TOLD_RAD:
         return ()
-    middle = float(np.median(sigma[:, 2]))
-    if middle < HARDLY_TOLD_RAD:
-        return ()
+    shown = f"to {np.degrees(sigma):.0f} deg (median sigma)"
+    if sigma > NOT_TOLD_RAD:
+        shown = (
+            "too little to tell one: the yaw is stated as unknown, and may be wrong by any angle"
+        )
     return (
-        "nothing measures the heading; fixes show it where the vehicle accelerates, here hardly"
-        f" (median sigma {np.degrees(middle):.0f} deg): it may be wrong by any angle, whatever its"
-        " sigma, and the place of all that is not at the antenna with it",
+        "nothing measures the heading; fixes show it where the vehicle accelerates, here"
+        f" {shown}; where the antenna is, is known better than all that is not there",
     )
+
+
+def _sigma_by_fixes(mission: Mission, trajectory: Trajectory | None) -> float | None:
+    """Median sigma of a yaw that accelerations beside fixes tell, rad; None where more does."""
+    told = any(mission.first(kind) for kind in ("heading", "odometry", "dvl", "landmarks", "scans"))
+    if told or trajectory is None or mission.first("gnss") is None:
+        return None
+    sigma = trajectory.sigma_rpy
+    return None if sigma is None else float(np.median(sigma[:, 2]))
+
+
+def _of_any_yaw(trajectory: Trajectory) -> Trajectory:
+    if trajectory.cov_pose_n is None:
+        return trajectory
+    cov = trajectory.cov_pose_n.copy()
+    cov[:, 5, 5] = np.maximum(cov[:, 5, 5], UNIFORM_YAW_SIGMA**2)
+    return replace(trajectory, cov_pose_n=cov)
 
 
 def bounded_by_way(trajectory: Trajectory) -> Trajectory:

@@ -246,7 +246,9 @@ class _Log:
             found.append("the sentences have no checksums: damage goes unnoticed")
         if self.headings and self.velocities_told:
             found.append(
-                "'speed' is turned by 'heading': how these agree says nothing of the heading"
+                "'speed' is turned by 'heading': how these agree says nothing of the heading; and"
+                " it is the velocity of the receiver whose fixes 'gnss' has: what is scored on"
+                " these is no independent check"
             )
         if not self.dated:
             found.append("no RMC sentence tells the date: mission time has no UTC")

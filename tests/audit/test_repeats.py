@@ -13,7 +13,7 @@ from gtsam_nav.audit.repeats import repeat_findings, stuck_findings
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.repeats import REPEATED, repeats_of, without_repeats
-from gtsam_nav.series import DepthSeries, DvlSeries, HeadingSeries
+from gtsam_nav.series import DepthSeries, DvlSeries, HeadingSeries, ImuSeries
 from gtsam_nav.simulation import simulate
 
 N = 2000
@@ -54,6 +54,20 @@ def test_a_message_that_is_sent_again_is_found() -> None:
 
 def test_a_driver_twice_as_fast_as_its_sensor_is_found() -> None:
     assert len(found(compass(sent_again(TURNING + RNG.normal(0, 0.01, N), 2)))) == 1
+
+
+@pytest.mark.parametrize(("every", "severity"), [(50, "ok"), (2, "warning")])
+def test_a_few_held_readings_of_an_imu_are_to_be_kept(every: int, severity: str) -> None:
+    """They are integrated: a gap would be no better."""
+    rates, force = RNG.normal(size=(N, 3)), np.tile([0.0, 0.0, -9.8], (N, 1))
+    series = ImuSeries(
+        t=np.arange(N) * 0.01,
+        gyro_i=sent_again(rates, every),
+        accel_i=sent_again(force + rates, every),
+    )
+    (finding,) = found(Sensor("imu", "imu", series))
+    assert finding.severity == severity
+    assert (finding.fix == "") == (severity == "ok")
 
 
 def test_repeats_that_the_resolution_explains_are_not_told() -> None:

@@ -585,3 +585,20 @@ def test_a_compass_that_jumps_by_a_turn_is_no_outlier() -> None:
     turns = 2 * np.pi * np.random.default_rng(0).integers(-2, 3, len(compass.t))
     solution = estimate(edited(laps(), "heading", heading=compass.heading + turns))
     np.testing.assert_allclose(solution.trajectory.p_n, plain().trajectory.p_n, atol=1e-6)
+
+
+def test_a_single_quiet_second_is_a_rest_too() -> None:
+    """A mission of two seconds has one at most."""
+    mission = gn.simulate("laps", seed=2, duration_s=2.0).without("heading")
+    resting = replace(mission, constraints=Constraints(zero_velocity=True))
+    trajectory = gn.estimate(resting, "ins-ekf").trajectory
+    assert trajectory.v_n is not None
+    assert np.linalg.norm(trajectory.v_n[-1]) < 1.0
+
+
+def test_an_imu_without_a_sample_is_said_to_have_none() -> None:
+    mission = gn.simulate("laps", seed=2, duration_s=4.0)
+    imu = mission.sensors["imu"]
+    silent = mission.with_sensor(replace(imu, series=imu.series.crop(100.0, 101.0)))
+    with pytest.raises(DataError, match=r"gnss, heading, imu \(without samples\)"):
+        gn.estimate(silent, "ins-ekf")

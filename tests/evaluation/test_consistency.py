@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from gtsam_nav.evaluation.consistency import consistency, horizontal_nees
 from gtsam_nav.evaluation.matching import match
-from gtsam_nav.evaluation.metrics import evaluate_trajectory
+from gtsam_nav.evaluation.metrics import TrajectoryMetrics, evaluate_trajectory
 from gtsam_nav.frames import Array, quaternion_from_rpy
 from gtsam_nav.series import ReferenceSeries
 from gtsam_nav.trajectory import Trajectory
@@ -135,3 +135,15 @@ def test_nis_against_its_own_degrees_of_freedom(dof: int) -> None:
     assert lower < found.mean < upper
     assert found.fraction_inside == pytest.approx(0.95, abs=0.012)
     assert consistency(np.empty(0), dof) is None
+
+
+def test_far_too_little_covariance_is_said_in_words() -> None:
+    honest, timid = consistency(np.full(10, 2.0), 2), consistency(np.full(10, 0.1), 2)
+    sure = consistency(np.full(10, 18.0), 2)
+    assert honest is not None
+    assert timid is not None
+    assert sure is not None
+    assert honest.overconfidence == timid.overconfidence == ""
+    assert sure.overconfidence == "the errors are 3.0 times what the covariance states"
+    metrics = TrajectoryMetrics(nees=sure, coverage=1.0)
+    assert "nees       18.00 (2 degrees of freedom): the errors are 3.0 times" in str(metrics)

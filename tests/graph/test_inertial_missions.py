@@ -10,7 +10,7 @@ import pytest
 import gtsam_nav as gn
 from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.mission import Constraints, InitialState, Mission
-from gtsam_nav.series import GnssSeries, ReferenceSeries
+from gtsam_nav.series import GnssSeries, HeadingSeries, ReferenceSeries
 from gtsam_nav.solution import Solution
 
 
@@ -171,6 +171,22 @@ def test_an_imu_and_a_stated_start_are_enough(mission: Mission) -> None:
     assert np.all(np.abs(position[-1, :2]) < 4 * sigma[-1, :2] + 0.5)
 
 
+def test_a_stated_heading_is_believed_as_it_was_stated(mission: Mission) -> None:
+    """Not as the compass, which is off by 10 deg, has it at the start."""
+    assert mission.reference is not None
+    truth = mission.reference.series
+    assert isinstance(truth, ReferenceSeries)
+    assert truth.rpy is not None
+    compass = mission.sensors["heading"]
+    assert isinstance(compass.series, HeadingSeries)
+    off = replace(compass.series, heading=compass.series.heading + np.radians(10.0))
+    noise = {**compass.noise, "bias_sigma_deg": 10.0}
+    stated = InitialState(heading=float(truth.rpy[0, 2]), sigma_heading=float(np.radians(0.5)))
+    biased = mission.with_sensor(replace(compass, series=off, noise=noise)).crop(0.0, 15.0)
+    solution = gn.estimate(replace(biased, initial=stated), "graph")
+    assert np.degrees(np.abs(solution.trajectory.rpy[0, 2] - truth.rpy[0, 2])) < 1.5
+
+
 def test_no_motion_sensor_at_all(mission: Mission) -> None:
     with pytest.raises(gn.errors.DataError, match="the motion needs"):
         gn.estimate(mission.without("imu"), "graph")
@@ -218,3 +234,18 @@ def test_fixes_between_keyframes_do_not_hold_the_yaw_to_the_drifted_first_guess(
     assert scores.nees is not None
     assert scores.ate.none.mean < 6.0  # it was 12 m
     assert scores.nees.mean < 4.0  # it was 10
+
+
+@pytest.mark.slow
+def test_the_yaw_by_fixes_alone_is_as_sure_as_it_says() -> None:
+    """Slow, with an antenna on a mast: the accelerations and the swaying mast tell the yaw."""
+    shares = []
+    for seed in range(4):
+        whole = gn.simulate("marina", seed=seed, duration_s=240.0)
+        alone = whole.without(*(s for s in whole.sensors if s not in ("imu", "gnss", "reference")))
+        solution = gn.estimate(alone, "graph")
+        _, yaw = errors(solution, whole)
+        sigma = solution.trajectory.sigma_rpy
+        assert sigma is not None
+        shares.append(float(np.mean((yaw / sigma[:, 2]) ** 2)))
+    assert np.mean(shares) < 5.0  # it was 25

@@ -72,7 +72,9 @@ def effect_of(error: TimingError, sensor: str, factor: Any) -> Array:
 R_2 = state(1.0).attitude().matrix()
 FACTORS = {
     "position": gnss(X(2), np.array([1.0, 2.0, 0.3]), np.array([0.5, 0.1, -1.0]), np.full(3, 0.5)),
-    "velocity": gnss_velocity(X(2), np.array([2.0, 1.0, 0.0]), np.zeros(3), R_2, np.full(3, 0.2)),
+    "velocity": gnss_velocity(
+        int(X(2)), state(1.0), np.array([2.0, 1.0, 0.0]), np.zeros(3), np.full(3, 0.2)
+    ),
     "heading": heading(None, X(2), 0.35, R_2, 0.02),
     "displacement": gtsam.BetweenFactorNavState(
         X(1), X(2), gtsam.NavState(), gtsam.noiseModel.Isotropic.Sigma(9, 0.3)

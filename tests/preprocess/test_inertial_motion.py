@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ import gtsam_nav as gn
 from gtsam_nav.config import Config
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, wrap_angle
-from gtsam_nav.mission import Mission
+from gtsam_nav.mission import InitialState, Mission
 from gtsam_nav.preprocess.alignment import align
 from gtsam_nav.preprocess.inertial_motion import inertial_motion
 from gtsam_nav.preprocess.motion import VehicleMotion
@@ -51,6 +53,12 @@ def test_with_fixes_and_a_compass_it_is_within_a_metre(laps: Mission) -> None:
 def test_without_a_compass_the_course_tells_the_heading(laps: Mission) -> None:
     _, attitude = errors(guess(blind(laps).without("heading")), laps)
     assert np.degrees(np.sqrt(np.mean(attitude[600:-400, 2] ** 2))) < 10.0
+
+
+def test_a_stated_heading_goes_before_the_course(laps: Mission) -> None:
+    """A vehicle that drifts sideways does not point where it goes."""
+    stated = replace(blind(laps).without("heading"), initial=InitialState(heading=1.2))
+    assert guess(stated).rpy[0, 2] == pytest.approx(1.2)
 
 
 def test_without_fixes_it_is_inertial_navigation() -> None:

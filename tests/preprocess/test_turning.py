@@ -8,7 +8,12 @@ import numpy as np
 import pytest
 
 import gtsam_nav as gn
-from gtsam_nav.preprocess.turning import bounded_by_way, warnings_on_turns, warnings_on_yaw
+from gtsam_nav.preprocess.turning import (
+    bounded_by_way,
+    unknown_where_not_told,
+    warnings_on_turns,
+    warnings_on_yaw,
+)
 
 
 def test_a_heading_that_nothing_tells_is_said_and_claimed_by_none() -> None:
@@ -71,6 +76,25 @@ def test_a_yaw_that_fixes_hardly_show_is_said() -> None:
     sure[:, 5, 5], unsure[:, 5, 5] = np.radians(1.0) ** 2, np.radians(9.0) ** 2
     assert warnings_on_yaw(aided, replace(trajectory, cov_pose_n=sure)) == ()
     (said,) = warnings_on_yaw(aided, replace(trajectory, cov_pose_n=unsure))
-    assert "median sigma 9 deg" in said
+    assert "9 deg (median sigma)" in said
     for told in (laps, blind):
         assert warnings_on_yaw(told, replace(trajectory, cov_pose_n=unsure)) == ()
+
+
+def test_a_yaw_that_fixes_do_not_tell_is_stated_as_unknown() -> None:
+    laps = gn.simulate("laps", seed=3, duration_s=30.0)
+    aided = laps.without("heading")
+    trajectory = gn.estimate(laps, "ins-ekf").trajectory
+    assert trajectory.cov_pose_n is not None
+    vague, clear = trajectory.cov_pose_n.copy(), trajectory.cov_pose_n.copy()
+    vague[:, 5, 5], clear[:, 5, 5] = np.radians(25.0) ** 2, np.radians(15.0) ** 2
+    vague, clear = (replace(trajectory, cov_pose_n=cov) for cov in (vague, clear))
+    unknown, online, nothing = unknown_where_not_told(aided, vague, clear, None)
+    assert nothing is None
+    for stated in (unknown, online):
+        assert np.degrees(stated.sigma_rpy[:, 2]) == pytest.approx(103.9, abs=0.1)
+        assert np.all(np.linalg.eigvalsh(stated.cov_pose_n) > 0.0)
+    (said,) = warnings_on_yaw(aided, unknown)
+    assert "stated as unknown" in said
+    assert unknown_where_not_told(aided, clear)[0] is clear
+    assert unknown_where_not_told(laps, vague)[0] is vague

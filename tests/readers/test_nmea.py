@@ -77,6 +77,7 @@ def test_vtg_is_finer_and_a_heading_makes_a_speed_sensor(tmp_path: Path) -> None
         lines += [rmc(f"12000{k}.0", "010224"), gga(f"12000{k}.0"), vtg, hdt(60.0)]
     read = log(tmp_path, *lines)
     speed, heading = read.sensors["speed"].series, read.sensors["heading"].series
+    assert any("what is scored on these is no independent check" in w for w in read.warnings)
     assert isinstance(speed, DvlSeries)
     assert isinstance(heading, HeadingSeries)
     np.testing.assert_allclose(np.degrees(heading.heading), 60.0)

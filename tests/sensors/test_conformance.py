@@ -63,12 +63,17 @@ def gnss_position(state: BodyState, rng: np.random.Generator, spread: float) -> 
 
 
 def gnss_with_shared_error(state: BodyState, rng: np.random.Generator, spread: float) -> Case:
-    sigma, error_n = rng.uniform(0.2, 3.0, size=3), rng.normal(size=3)
-    p_n = state.p_n + 5 * spread * rng.normal(size=3)
-    factor = factors.gnss_with_error(G(0), X(0), p_n, factors.position_noise(sigma))
+    """Its axes are the body's as they lie at present: a sigma for all of them."""
+    sigma, error_n, arm_b = (
+        np.full(3, rng.uniform(0.2, 3.0)),
+        rng.normal(size=3),
+        rng.normal(size=3),
+    )
+    p_n = state.p_n + state.R_nb @ arm_b + 5 * spread * rng.normal(size=3)
+    factor = factors.gnss_with_error(G(0), X(0), p_n, arm_b, state.R_nb, sigma)
     error = factors.nav_state(np.eye(3), error_n, np.zeros(3))
     return Case(
-        lambda s: gnss.predict(s, p_n + error_n, np.zeros(3), sigma),
+        lambda s: gnss.predict(s, p_n + error_n, arm_b, sigma),
         factor,
         slice(3, 6),
         {G(0): error},
@@ -101,9 +106,10 @@ def gnss_velocity(state: BodyState, rng: np.random.Generator, spread: float) -> 
     sigma, rate_b, lever_b = rng.uniform(0.02, 0.5), rng.normal(size=3), rng.normal(size=3)
     swing_b = np.cross(rate_b, lever_b)
     v_n = state.v_n + state.R_nb @ swing_b + spread * rng.normal(size=3)
-    factor = factors.gnss_velocity(X(0), v_n, swing_b, state.R_nb, np.full(3, sigma))
+    present = factors.nav_state(state.R_nb, state.p_n, state.v_n)
+    factor = factors.gnss_velocity(X(0), present, v_n, swing_b, np.full(3, sigma))
     return Case(
-        lambda s: gnss.predict_velocity(s, v_n, rate_b, lever_b, sigma), factor, slice(6, 9)
+        lambda s: gnss.predict_velocity(s, v_n, rate_b, lever_b, sigma), factor, slice(0, 3)
     )
 
 
@@ -290,6 +296,19 @@ def test_the_graph_has_the_same_jacobian(sensor: str, seed: int) -> None:
     unobserved[case.rows] = False
     np.testing.assert_array_equal(A[unobserved], 0.0)
     np.testing.assert_array_equal(b[unobserved], 0.0)
+
+
+@pytest.mark.parametrize("sensor", ["gnss_position", "gnss_with_shared_error", "gnss_velocity"])
+@seeds
+def test_what_receivers_measure_seems_to_tell_no_yaw_by_its_noise(sensor: str, seed: int) -> None:
+    """The attitude enters by the arm alone, whatever the residual."""
+    (state, quiet), (_, noisy) = drawn(sensor, seed, spread=1e-9), drawn(sensor, seed, spread=3.0)
+    slopes = []
+    for case in (quiet, noisy):
+        linear = case.factor.linearize(native_values(state, case))
+        first = 9 * list(linear.keys()).index(X(0))
+        slopes.append(linear.jacobian()[0][:, first : first + 3])
+    np.testing.assert_allclose(slopes[0], slopes[1], atol=1e-6)
 
 
 @pytest.mark.parametrize("sensor", SIGHTINGS)

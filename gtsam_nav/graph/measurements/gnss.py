@@ -66,9 +66,8 @@ def _add_positions(
         _add_shared_error(problem, gnss.name, number, keyframe, series.sigma, noise)
     arm_b = _arms(problem, gnss, series.t, keyframe)
     if shares_error:
-        noises = [factors.position_noise(own) for own in sigma]
-        errors = [error_key(number, k) for k in keyframe.tolist()]
-        maker = _with_errors(errors, [X(k) for k in keyframe.tolist()], series.p_n, arm_b, noises)
+        keys = [(error_key(number, k), int(X(k))) for k in keyframe.tolist()]
+        maker = _with_errors(keys, series.p_n, arm_b - gnss.xyz_b, gnss.xyz_b, sigma)
     else:
         rows = zip(keyframe.tolist(), series.p_n, arm_b, sigma, strict=True)
         maker = as_given([factors.gnss(X(k), p_n, arm, own) for k, p_n, arm, own in rows])
@@ -87,16 +86,19 @@ def _add_positions(
 
 
 def _with_errors(
-    errors: list[int], keys: list[int], p_n: Array, arm_b: Array, noises: list[Any]
+    keys: list[tuple[int, int]], p_n: Array, carried_b: Array, lever_b: Array, sigma: Array
 ) -> Maker:
-    """Fixes of the antenna, less its arm as the body lies at present, with their shared errors."""
+    """Fixes of the antenna with their shared errors.
+
+    The way by which they are carried has told its yaw already, as a displacement.
+    """
 
     def make(rows: Sequence[int], state_at: StateAt) -> list[Any]:
-        R_nb, _, _ = factors.parts(state_at(keys[i]) for i in rows)
-        body_n = p_n[rows] - np.einsum("kij,kj->ki", R_nb, arm_b[rows])
+        R_nb, _, _ = factors.parts(state_at(keys[i][1]) for i in rows)
+        at_keyframe_n = p_n[rows] - np.einsum("kij,kj->ki", R_nb, carried_b[rows])
         return [
-            factors.gnss_with_error(errors[i], keys[i], own_n, noises[i])
-            for i, own_n in zip(rows, body_n, strict=True)
+            factors.gnss_with_error(*keys[i], fix_n, lever_b, R, sigma[i])
+            for i, fix_n, R in zip(rows, at_keyframe_n, R_nb, strict=True)
         ]
 
     return make
@@ -163,11 +165,10 @@ def _add_velocities(
         sigma[:, 2] = np.inf
 
     def make(rows: Sequence[int], state_at: StateAt) -> list[Any]:
-        keys = [X(int(keyframe[i])) for i in rows]
-        R_nb = [state_at(key).attitude().matrix() for key in keys]
+        keys = [int(X(int(keyframe[i]))) for i in rows]
         return [
-            factors.gnss_velocity(key, v_n[i], turning_b[i], R, sigma[i])
-            for i, key, R in zip(rows, keys, R_nb, strict=True)
+            factors.gnss_velocity(key, state_at(key), v_n[i], turning_b[i], sigma[i])
+            for i, key in zip(rows, keys, strict=True)
         ]
 
     for i, k in enumerate(keyframe.tolist()):

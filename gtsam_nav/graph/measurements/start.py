@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gtsam_nav.config import Config
+from gtsam_nav.frames import rotation_from_rpy
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.problem import Problem
@@ -41,9 +42,11 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
     if mission.first("depth") is not None:
         sigma_p[2] = VAGUE_M
     sigma_v = _speed_sigma(problem, mission, config)
-    prior = factors.start_prior(
-        X(0), problem.initial_state(0), start.R_nb, sigma_rpy, sigma_p, sigma_v
-    )
+    state = problem.initial_state(0)
+    if mission.initial.heading is not None:  # the motion may begin with a compass's reading
+        turn = rotation_from_rpy([0.0, 0.0, mission.initial.heading - problem.rpy[0, 2]])
+        state = factors.nav_state(turn @ problem.R_nb[0], problem.p_n[0], turn @ state.velocity())
+    prior = factors.start_prior(X(0), state, start.R_nb, sigma_rpy, sigma_p, sigma_v)
     problem.add(0, "start", prior)
 
 
