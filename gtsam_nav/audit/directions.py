@@ -265,9 +265,10 @@ def _axes_finding(
     source: Velocity, read: str, told: Sequence[tuple[str, str]], or_else: str
 ) -> Finding:
     """With several things that may be odd, and what mends each."""
-    names, lines = zip(*told, strict=True)
-    message = f"{read}: {', or '.join(dict.fromkeys(names))}{or_else}"
-    return Finding("velocity axes", source.name, "warning", message, ", or ".join(lines))
+    # one that agrees on the whole, and turns away for a while, has no wrong columns
+    names = ", or ".join(dict.fromkeys(name for name, _ in told)) or "now and then"
+    mends = ", or ".join(line for _, line in told)
+    return Finding("velocity axes", source.name, "warning", f"{read}: {names}{or_else}", mends)
 
 
 def _is_reflection(k: int) -> bool:

@@ -93,8 +93,10 @@ def _window_s(velocity: Sensor) -> float:
         return LONGEST_WINDOW_S
     noise_m_s = 1.4826 * float(np.max(np.median(np.abs(np.diff(v, axis=0)), axis=0))) / np.sqrt(2)
     n_needed = (1.2533 * noise_m_s / REST_SIGMA_M_S) ** 2
-    needed_s = n_needed * float(np.median(np.diff(t)))
-    return float(np.clip(needed_s, SHORTEST_WINDOW_S, LONGEST_WINDOW_S))
+    # fewer than three samples may be none, where stamps jitter
+    interval_s = float(np.median(np.diff(t)))
+    enough_s = float(np.clip(n_needed * interval_s, SHORTEST_WINDOW_S, LONGEST_WINDOW_S))
+    return max(enough_s, 3.0 * interval_s)
 
 
 def _median_speed(velocity: Sensor, begin: float, window_s: float) -> float:

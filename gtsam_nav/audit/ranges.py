@@ -19,6 +19,8 @@ UNITS = {"feet": 0.3048, "cm": 1e-2, "mm": 1e-3}
 """In m."""
 CLEAR_SIGMAS = 10.0
 """A way that is longer than so many sigmas of the ranges shows in them."""
+CLEAR_FACTOR = 1.25
+"""So much more than the way a range never changes by, even if the speed is a little low."""
 
 
 def range_findings(mission: Mission, velocity: Velocity) -> Iterator[Finding]:
@@ -37,7 +39,7 @@ def range_findings(mission: Mission, velocity: Velocity) -> Iterator[Finding]:
 def _judged(sensor: Sensor, ratios: Array, other: str) -> Iterator[Finding]:
     from scipy.stats import binom
 
-    n, n_over = len(ratios), int(np.sum(ratios > 1.0))
+    n, n_over = len(ratios), int(np.sum(ratios > CLEAR_FACTOR))
     if n and binom.sf(n_over - 1, n, 0.5) < FALSE_ALARM:
         typical = float(np.median(ratios))
         unit = min(UNITS, key=lambda u: abs(np.log(typical * UNITS[u] / 0.5)))

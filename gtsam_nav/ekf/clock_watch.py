@@ -74,5 +74,6 @@ class ClockWatch:
                     f"'{name}' seems to be {abs(offset_s):.2f} s"
                     f" {'late' if offset_s < 0 else 'early'} (sigma {sigma_s:.2f} s) against the"
                     " IMU: ins-ekf takes its stamps as they are; the method graph estimates the"
-                    " offset where its card says time_offset: {estimate: true}"
+                    " offset where its card says time_offset: {estimate: true}; an arm of the"
+                    " antenna that is wrong along the bow looks the same at a steady speed"
                 )

@@ -126,7 +126,7 @@ def _displacements(
     It moves what lies beyond it, and turns it about where the vehicle then was.
     """
     since = t - scan.t_ref
-    reach = min(since[0], 0.0), max(since[-1], 0.0)
+    reach = np.min(since, initial=0.0), np.max(since, initial=0.0)
     edges = [np.linspace(0.0, end, PIECES + 1) for end in reach]
     begin = np.concatenate([e[:-1] for e in edges])
     length = np.concatenate([np.diff(e) for e in edges])
@@ -142,7 +142,8 @@ def _displacements(
     turned = (passed[:, None] * aside) @ sigma_yaw
     shifted = _along_both_axes(passed * sigma_m)
     not_by_turning = np.zeros((2, 2, turned.shape[2]))
-    ends = np.concatenate([not_by_turning, shifted[[0, -1]]], axis=2)
+    strayed = shifted[[0, -1]] if len(t) else np.zeros((2, *shifted.shape[1:]))
+    ends = np.concatenate([not_by_turning, strayed], axis=2)
     return np.concatenate([turned, shifted], axis=2), ends
 
 

@@ -25,8 +25,8 @@ READINGS: tuple[tuple[str, Array], ...] = (
     ("north is reversed", np.diag([-1.0, 1.0])),
     ("north and east are exchanged and both reversed", np.array([[0.0, -1.0], [-1.0, 0.0]])),
     ("it is turned by 180 deg", -np.eye(2)),
-    ("it is turned by 90 deg", np.array([[0.0, -1.0], [1.0, 0.0]])),
-    ("it is turned by -90 deg", np.array([[0.0, 1.0], [-1.0, 0.0]])),
+    ("it is turned by -90 deg", np.array([[0.0, -1.0], [1.0, 0.0]])),
+    ("it is turned by 90 deg, clockwise", np.array([[0.0, 1.0], [-1.0, 0.0]])),
 )
 """What is odd about the trajectory, and the matrix that mends it, on (n, e)."""
 

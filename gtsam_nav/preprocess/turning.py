@@ -78,7 +78,8 @@ def warnings_on_yaw(mission: Mission, trajectory: Trajectory) -> tuple[str, ...]
 
 def _sigma_by_fixes(mission: Mission, trajectory: Trajectory | None) -> float | None:
     """Median sigma of a yaw that accelerations beside fixes tell, rad; None where more does."""
-    told = any(mission.first(kind) for kind in ("heading", "odometry", "dvl", "landmarks", "scans"))
+    others = ("heading", "odometry", "dvl", "landmarks", "scans")
+    told = mission.initial.heading is not None or any(mission.first(kind) for kind in others)
     if told or trajectory is None or mission.first("gnss") is None:
         return None
     sigma = trajectory.sigma_rpy

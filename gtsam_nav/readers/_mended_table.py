@@ -68,14 +68,19 @@ def days_passed(t: Array) -> Array:
     """How many midnights stamps (n,) have passed, where they are seconds of the day; else zeros.
 
     Only what can be nothing else is taken for such: stamps within a day that fall back from its
-    last hour to its first, and never otherwise by half a day.
+    last hour to its first, and never otherwise by half a day. One that comes late, after
+    midnight, is still the day's before.
     """
     none = np.zeros(len(t))
     known = np.flatnonzero(np.isfinite(t))
     stamps = t[known]
-    falls = np.flatnonzero(np.diff(stamps) < -0.5 * DAY_S)
+    step = np.diff(stamps)
+    falls = np.flatnonzero(step < -0.5 * DAY_S)
     if not len(falls) or np.min(stamps) < 0.0 or np.max(stamps) > DAY_S:
         return none
     if np.any(stamps[falls] < DAY_S - NEAR_S) or np.any(stamps[falls + 1] > NEAR_S):
         return none
-    return np.searchsorted(known[falls + 1], np.arange(len(t)), side="right").astype(float)
+    late = (step > 0.5 * DAY_S) & (stamps[:-1] < NEAR_S) & (stamps[1:] > DAY_S - NEAR_S)
+    days = np.append(0, np.cumsum((step < -0.5 * DAY_S).astype(int) - late))
+    newest = np.maximum(np.searchsorted(known, np.arange(len(t)), side="right") - 1, 0)
+    return np.asarray(days[newest], dtype=float)

@@ -177,8 +177,10 @@ def read_lines(path: Path, encoding: str = "utf-8-sig") -> list[str]:
     try:
         text = data.decode(encoding)
     except UnicodeDecodeError as error:
-        begin = data.rfind(b"\n", 0, error.start) + 1
-        later = data[error.start :].split(b"\n")[1:]
+        # a byte order mark is not counted
+        start = error.start + len(data) - len(error.object)
+        begin = data.rfind(b"\n", 0, start) + 1
+        later = data[start:].split(b"\n")[1:]
         if begin == 0 or any(_is_text(line) for line in later):
             what = f"is not {encoding.removesuffix('-sig')} text: {error}"
             raise DataError(what, path, data.count(b"\n", 0, begin) + 1) from error
@@ -189,7 +191,7 @@ def read_lines(path: Path, encoding: str = "utf-8-sig") -> list[str]:
 
 def _is_text(line: bytes) -> bool:
     """Whether a line holds characters, and no others than those."""
-    content = line.strip()
+    content = b" ".join(line.split())
     return bool(content) and content.isascii() and content.decode("ascii").isprintable()
 
 

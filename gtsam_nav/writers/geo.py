@@ -47,7 +47,7 @@ def _cut_at_antimeridian(vertices: Array) -> list[Array]:
         before, after = vertices[k - 1], vertices[k].copy()
         side = np.sign(before[0]) * 180.0
         after[0] += 2 * side
-        share = (side - before[0]) / (after[0] - before[0])
+        share = (side - before[0]) / ((after[0] - before[0]) or 1.0)
         crossing = before + share * (after - before)
         crossing[0] = side
         parts.append(np.vstack([begin, vertices[last:k], crossing]))

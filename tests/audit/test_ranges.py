@@ -55,3 +55,13 @@ def test_other_units_are_found(factor: float, m: float) -> None:
 
 def test_at_rest_nothing_is_said() -> None:
     assert found(1e2, speed_m_s=0.0) == []
+
+
+def test_straight_away_from_a_beacon_they_change_by_all_of_the_way() -> None:
+    of = np.arange(0.0, 300.0, 5.0)
+    ranges = 10.0 + 1.0 * of
+    series = LandmarkSeries(
+        t=of, id=np.zeros(len(of), int), range_m=ranges, sigma_range=np.full(len(of), 0.1)
+    )
+    mission = Mission("beacons", {"radio": Sensor("radio", "landmarks", series)})
+    assert list(range_findings(mission, wheels(0.98))) == []

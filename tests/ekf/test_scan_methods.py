@@ -689,3 +689,16 @@ def test_the_chain_tests_a_match_as_the_filter_does() -> None:
     found, bends = match_consecutive(track, 1, config)
     assert found.nis == pytest.approx(pose_filter.matches[0].nis, rel=0.03)
     assert np.abs(track.shared_with_match(1, *bends)).max() > 1e-4
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_sonar_that_hears_nothing_for_a_while_is_no_obstacle(method: str) -> None:
+    mission = gn.simulate("marina", seed=1, duration_s=120.0)
+    sonar = mission.first("beams")
+    assert sonar is not None
+    assert isinstance(sonar.series, BeamSeries)
+    intensity = sonar.series.intensity.copy()
+    intensity[(sonar.series.t > 30.0) & (sonar.series.t < 90.0)] = 0
+    deaf = mission.with_sensor(replace(sonar, series=replace(sonar.series, intensity=intensity)))
+    solution = gn.estimate(deaf, method)
+    assert np.all(np.isfinite(solution.trajectory.p_n))

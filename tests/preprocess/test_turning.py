@@ -98,3 +98,10 @@ def test_a_yaw_that_fixes_do_not_tell_is_stated_as_unknown() -> None:
     assert "stated as unknown" in said
     assert unknown_where_not_told(aided, clear)[0] is clear
     assert unknown_where_not_told(laps, vague)[0] is vague
+
+
+def test_a_yaw_that_was_stated_is_as_sure_as_it_has_become() -> None:
+    laps = gn.simulate("laps", seed=3, duration_s=30.0).without("heading")
+    stated = replace(laps, initial=replace(laps.initial, heading=0.3))
+    trajectory = gn.estimate(laps, "ins-ekf").trajectory
+    assert unknown_where_not_told(stated, trajectory)[0] is trajectory

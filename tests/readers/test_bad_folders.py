@@ -42,6 +42,7 @@ def depth_folder(folder: Path, text: str | bytes) -> Path:
         ("t,depth_m\n0;1\n1;2\n2;3\n", "x.csv:2: 1 fields where 2 are needed"),
         ("t,depth_m\n0,1\nx,2\n1,1\n", "x.csv:3: t is 'x', not a number"),
         (b"t,depth_m\n\xff\xfe,1\n1,1\n", "x.csv:2: is not utf-8 text"),
+        (b"t,\tdepth_m\n0,1\n1,\xb01\n2,\t1\n3,\t1\n", "x.csv:3: is not utf-8 text"),
         (gzip.compress(DEPTH_CSV.encode(), mtime=0)[:-12], "the gzip archive is cut off"),
         (b"\x1f\x8bnot gzip at all", "the gzip archive is damaged"),
     ],
@@ -53,6 +54,13 @@ def test_a_malformed_file_is_an_error_that_names_it(
         open_mission(depth_folder(tmp_path, text))
     assert message in str(caught.value)
     assert "x.csv" in str(caught.value)
+
+
+def test_garbage_at_the_end_costs_no_good_line_behind_a_byte_order_mark(tmp_path: Path) -> None:
+    text = b"\xef\xbb\xbft,depth_m\n0,1\n1,1\n2,1\n\xff\xfe\x00\n"
+    mission = open_mission(depth_folder(tmp_path, text))
+    assert len(mission.sensors["x"].series) == 3
+    assert any("x.csv:5: the last line is damaged" in w for w in mission.warnings)
 
 
 def test_what_is_not_finite_in_a_vector_is_named_as_the_file_names_it(tmp_path: Path) -> None:

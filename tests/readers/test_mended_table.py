@@ -36,6 +36,11 @@ def test_two_midnights_and_missing_stamps() -> None:
     np.testing.assert_array_equal(days_passed(read)[known], (t // DAY_S)[known])
 
 
+def test_a_stamp_that_comes_late_is_still_the_day_s_before() -> None:
+    t = np.array([86_399.9, 0.1, 86_399.95, np.nan, 0.2, 0.3])
+    np.testing.assert_array_equal(days_passed(t), [0, 1, 0, 0, 1, 1])
+
+
 @pytest.mark.parametrize(
     "t",
     [

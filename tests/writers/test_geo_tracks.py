@@ -11,7 +11,7 @@ import numpy as np
 import solutions
 
 from gtsam_nav.frames import Origin, ned_from_geodetic
-from gtsam_nav.writers.geo import write_geojson, write_kml
+from gtsam_nav.writers.geo import _cut_at_antimeridian, write_geojson, write_kml
 
 
 def test_geojson_round_trip(tmp_path: Path) -> None:
@@ -58,3 +58,8 @@ def test_a_track_over_the_antimeridian_is_cut_there(tmp_path: Path) -> None:
     for part, t in zip(parts, times, strict=True):
         assert np.max(np.abs(np.diff([vertex[0] for vertex in part]))) < 1e-3
         assert np.all(np.diff(t) >= 0.0)
+
+
+def test_a_track_that_leaps_from_edge_to_edge_has_no_place_that_is_none() -> None:
+    vertices = np.array([[180.0, 1.0, 0.0, 0.0], [-180.0, 2.0, 0.0, 1.0]])
+    assert all(np.all(np.isfinite(part)) for part in _cut_at_antimeridian(vertices))
