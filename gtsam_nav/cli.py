@@ -79,6 +79,9 @@ def main() -> None:
         say(f"error: {error}")
         sys.exit(error.exit_code)
     except Exception as error:  # noqa: BLE001
+        if isinstance(error.__cause__, KeyboardInterrupt | SystemExit):
+            # a signal that came while compiled code ran
+            sys.exit(getattr(error.__cause__, "code", 130))
         if debug:
             traceback.print_exc()
         summary = " ".join(f"{type(error).__name__}: {error}".split())

@@ -43,7 +43,14 @@ def _moves(mission: Mission) -> bool:
 
 
 def _has_landmarks(mission: Mission) -> bool:
-    return mission.first("landmarks") is not None
+    from gtsam_nav.series import LandmarkSeries
+
+    sensor = mission.first("landmarks")
+    if sensor is None:
+        return False
+    assert isinstance(sensor.series, LandmarkSeries)
+    # a filter cannot wait until several ranges, or bearings, have placed one
+    return sensor.series.range_m is not None and sensor.series.bearing is not None
 
 
 def _has_sonar(mission: Mission) -> bool:

@@ -594,6 +594,25 @@ def test_interruption_ends_in_130(
     assert gtsam_nav("run", mission_folder, "--out", tmp_path).code == 130
 
 
+@pytest.mark.parametrize(
+    ("signalled", "code"), [(KeyboardInterrupt(), 130), (SystemExit(143), 143)]
+)
+def test_so_does_one_within_compiled_code(
+    gtsam_nav: CommandLine,
+    mission_folder: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    signalled: BaseException,
+    code: int,
+) -> None:
+    told = SystemError("CPUDispatcher returned a result with an exception set")
+    told.__cause__ = signalled
+    monkeypatch.setattr(registry, "estimate", failing(told))  # type: ignore[arg-type]
+    outcome = gtsam_nav("run", mission_folder, "--out", tmp_path)
+    assert outcome.code == code
+    assert "internal error" not in outcome.err
+
+
 def test_the_installed_command_ends_with_the_same_codes(tmp_path: Path) -> None:
     command = shutil.which("gtsam-nav", path=str(Path(sys.executable).parent))
     assert command is not None

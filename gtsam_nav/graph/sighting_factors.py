@@ -69,7 +69,8 @@ def level_sighting(
 ) -> Any:
     """As `sighting`, of a landmark that is level with a body which may tilt, and be anywhere deep.
 
-    The offset along body axes mixes a tilt with the depth between the two, which means nothing.
+    The offset along body axes mixes a tilt with the depth between the two, which means nothing; of
+    ranges alone the offset's direction means nothing either.
     The native residual is here that of the body in the landmark's frame, along n, where the depth
     is a component of its own; how the body is turned is the rotation's part of it.
 

@@ -121,7 +121,7 @@ def _hint(names: list[str], missing: str) -> str:
         return ": the first line must be the header, and no comment"
     if all(_is_number(name) for name in names):
         return ": these are numbers, a header is missing"
-    if any(mark in name for name in names for mark in ";\t"):
+    if any(mark in name for name in names for mark in ";\t") or missing in names[0].split():
         return ": the fields must be separated by commas"
     if f'"{missing}"' in names:
         return ": without quotation marks"
@@ -144,7 +144,7 @@ def _own_names(header: list[str], renamed: Mapping[str, str], path: Path) -> lis
     if missing:
         raise DataError(
             f"no column '{missing[0]}', as the map of columns says; the header names"
-            f" {', '.join(header)[:200]}",
+            f" {', '.join(header)[:200]}{_hint(header, missing[0])}",
             path,
             1,
         )

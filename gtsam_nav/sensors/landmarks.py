@@ -148,7 +148,10 @@ def polar(series: LandmarkSeries) -> Polar:
     sigma_range, sigma_bearing = series.sigma_range, series.sigma_bearing
     if range_m is None or bearing is None or sigma_range is None or sigma_bearing is None:
         lacking = "range" if range_m is None else "bearing"
-        raise DataError(f"sightings of landmarks without a {lacking} cannot be used: give both")
+        raise DataError(
+            f"sightings of landmarks without a {lacking} cannot be used"
+            " here: give both, or take the method graph"
+        )
     return Polar(range_m, bearing, sigma_range, sigma_bearing)
 
 

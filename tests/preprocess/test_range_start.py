@@ -16,7 +16,7 @@ from gtsam_nav.preprocess.landmark_start import landmark_start
 from gtsam_nav.preprocess.planar_motion import planar_motion
 from gtsam_nav.preprocess.settings import MotionSettings
 from gtsam_nav.sensors.settings import LandmarkSettings
-from gtsam_nav.series import DepthSeries, HeadingSeries, LandmarkSeries, OdometrySeries
+from gtsam_nav.series import DepthSeries, DvlSeries, HeadingSeries, LandmarkSeries, OdometrySeries
 
 BEACONS_N = np.array([[40.0, 60.0, 0.0], [55.0, -45.0, 0.0], [-60.0, 10.0, 0.0]])
 SIGMA_M = 0.1
@@ -148,3 +148,16 @@ def test_the_graph_is_georeferenced_by_them() -> None:
     assert solution.georeferenced
     score = gn.evaluate(solution, mission.reference)
     assert score.ate.none.rmse < 0.3
+
+
+def test_far_beacons_tell_no_tilt_that_nothing_measures() -> None:
+    mission = with_compass(ranged(6, 3.0 * BEACONS_N + np.array([0.0, 0.0, 25.0])))
+    t = mission.sensors["odometry"].series.t
+    v_d = np.tile([0.5, 0.0, 0.0], (len(t), 1))
+    good = np.ones(len(t), dtype=bool)
+    dvl = DvlSeries(t=t, v_d=v_d, sigma=np.full(len(t), 0.02), valid=good, bottom_lock=good)
+    depth = DepthSeries(t=t, depth_m=np.zeros(len(t)), sigma=np.full(len(t), 0.05))
+    mission = mission.without("odometry").with_sensor(Sensor("dvl", "dvl", dvl))
+    solution = gn.estimate(mission.with_sensor(Sensor("depth", "depth", depth)), "graph")
+    assert not any("settled" in warning for warning in solution.warnings)
+    assert gn.evaluate(solution, mission.reference).ate.none.rmse < 0.2

@@ -31,6 +31,7 @@ def depth_folder(folder: Path, text: str | bytes) -> Path:
         ("0,1.0,0.1\n1,1.0,0.1\n", "column 't' is missing"),
         ("t;depth_m\n0;1\n", "names t;depth_m: the fields must be separated by commas"),
         ("t\tdepth_m\n0\t1\n", ": the fields must be separated by commas"),
+        ("t depth_m\n0 1\n", ": the fields must be separated by commas"),
         ('"t","depth_m"\n"0","1"\n', ": without quotation marks"),
         ("T,Depth_m\n0,1\n", "the header names T, Depth_m: capitals are other letters"),
         ("# depths\nt,depth_m\n0,1\n", "the first line must be the header, and no comment"),

@@ -50,8 +50,13 @@ class Seen:
 
     @property
     def leans(self) -> bool:
-        """Whether a tilt of the body counts beside the landmark's offset from it."""
-        return self.scale_key is not None or (self.level and not self.planar)
+        """Whether a tilt of the body counts beside the landmark's offset from it.
+
+        No turn changes a range but by the instrument's arm; in body axes one seems to, in second
+        order, and far beacons would tell a tilt that nothing measures.
+        """
+        is_range = self.values.bearing is None
+        return self.scale_key is not None or is_range or (self.level and not self.planar)
 
 
 @dataclass(frozen=True)
