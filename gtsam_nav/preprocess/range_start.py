@@ -100,7 +100,8 @@ def range_start(
     while len(t):
         n = int(np.searchsorted(t, t[0] + stretch_s, side="right"))
         own = usable[np.unique(np.linspace(0, n - 1, MOST_RANGES).astype(int))]
-        ranges = _ranges(mission, motion, sensor, landmarks, own, ids)
+        depth_m = _depths(mission, series.t[own], stated)
+        ranges = _ranges(motion, sensor, landmarks, own, ids, depth_m)
         found = _placed(ranges, compass_sigma)
         if found is not None:
             return _alignment(stated, motion, float(t[0]), *found)
@@ -111,14 +112,14 @@ def range_start(
 
 
 def _ranges(
-    mission: Mission,
     motion: PlanarMotion,
     sensor: Sensor,
     landmarks: LandmarkMap,
     own: IntArray,
     ids: IntArray,
+    depth_m: Array,
 ) -> Ranges:
-    """Those samples of a sensor that are given."""
+    """Those samples of a sensor that are given, and how deep the vehicle then is."""
     series, noise = sensor.series, LandmarkNoise.model_validate(sensor.noise)
     assert isinstance(series, LandmarkSeries)
     assert series.range_m is not None
@@ -132,7 +133,7 @@ def _ranges(
     # a turn that grows evenly moves the end of a straight way by a third of its variance
     strayed = np.max(walked[:, :2], axis=1) + walked[:, 2] * way / 3 + motion.scale_sigma**2 * way
     slant = series.range_m[own]
-    height = landmarks.p_n[beacon, 2] - _depths(mission, series.t[own]) - sensor.xyz_b[2]
+    height = landmarks.p_n[beacon, 2] - depth_m - sensor.xyz_b[2]
     level = np.sqrt(np.maximum(slant**2 - height**2, 0.0))
     of_slant = series.sigma_range[own] ** 2 + (noise.range_scale_sigma * slant) ** 2
     steepness = slant / np.maximum(level, 1e-3 * slant + 1e-3)
@@ -145,11 +146,11 @@ def _ranges(
     )
 
 
-def _depths(mission: Mission, t: Array) -> Array:
+def _depths(mission: Mission, t: Array, stated: Alignment) -> Array:
     """Of the vehicle, m; where nothing measures it, as at the start."""
     depth = mission.first("depth")
     if depth is None:
-        return np.full(len(t), float(align(mission).p_n[2]))
+        return np.full(len(t), float(stated.p_n[2]))
     assert isinstance(depth.series, DepthSeries)
     return np.asarray(np.interp(t, depth.series.t, depth.series.depth_m - depth.xyz_b[2]))
 

@@ -14,7 +14,7 @@ from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Rejection
 from gtsam_nav.readers._matrices import definite, symmetric
-from gtsam_nav.readers._text import TRUNCATED, stream_lines
+from gtsam_nav.readers._text import TRUNCATED, is_number, stream_lines
 from gtsam_nav.series import IntArray
 from gtsam_nav.solution import Progress
 
@@ -116,18 +116,10 @@ def _cut_off(
     for word, numbers in line.items():
         if numbers and numbers[-1] == last:
             texts = rests[word][-1].split()
-            *whole, ending = [_is_number(text) for text in texts] or [False]
+            *whole, ending = [is_number(text) for text in texts] or [False]
             early = len(texts) < n_numbers[word] or not ending
             return word if all(whole) and early and len(texts) <= n_numbers[word] else ""
     return ""
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def _numbers(word: str, rests: list[str], line: list[int], n: int, path: Path) -> Array:
@@ -159,7 +151,7 @@ def _fault(word: str, texts: list[list[str]], line: Sequence[int], n: int, path:
                 f"{len(own)} numbers behind {word}, where {n} are needed", path, number
             )
         for text in own:
-            if not _is_number(text):
+            if not is_number(text):
                 return DataError(f"{word}: '{text[:40]}' is not a number", path, number)
     raise AssertionError("nobody asks of lines without a fault")
 

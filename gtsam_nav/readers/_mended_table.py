@@ -75,12 +75,13 @@ def days_passed(t: Array) -> Array:
     known = np.flatnonzero(np.isfinite(t))
     stamps = t[known]
     step = np.diff(stamps)
-    falls = np.flatnonzero(step < -0.5 * DAY_S)
+    fell = step < -0.5 * DAY_S
+    falls = np.flatnonzero(fell)
     if not len(falls) or np.min(stamps) < 0.0 or np.max(stamps) > DAY_S:
         return none
     if np.any(stamps[falls] < DAY_S - NEAR_S) or np.any(stamps[falls + 1] > NEAR_S):
         return none
     late = (step > 0.5 * DAY_S) & (stamps[:-1] < NEAR_S) & (stamps[1:] > DAY_S - NEAR_S)
-    days = np.append(0, np.cumsum((step < -0.5 * DAY_S).astype(int) - late))
+    days = np.append(0, np.cumsum(fell.astype(int) - late))
     newest = np.maximum(np.searchsorted(known, np.arange(len(t)), side="right") - 1, 0)
     return np.asarray(days[newest], dtype=float)

@@ -11,7 +11,7 @@ import numpy as np
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Rejection
-from gtsam_nav.readers._text import TRUNCATED, parse_rows, read_lines
+from gtsam_nav.readers._text import TRUNCATED, is_number, parse_rows, read_lines
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ def _hint(names: list[str], missing: str) -> str:
     """What is probably wrong with a header that lacks a column."""
     if names[0].startswith(("#", "%")):
         return ": the first line must be the header, and no comment"
-    if all(_is_number(name) for name in names):
+    if all(is_number(name) for name in names):
         return ": these are numbers, a header is missing"
     if any(mark in name for name in names for mark in ";\t") or missing in names[0].split():
         return ": the fields must be separated by commas"
@@ -128,14 +128,6 @@ def _hint(names: list[str], missing: str) -> str:
     if missing in [name.lower() for name in names]:
         return ": capitals are other letters"
     return ""
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def _own_names(header: list[str], renamed: Mapping[str, str], path: Path) -> list[str]:

@@ -189,6 +189,15 @@ def read_lines(path: Path, encoding: str = "utf-8-sig") -> list[str]:
     return text.replace("\r\n", "\n").split("\n")
 
 
+def is_number(text: str) -> bool:
+    """Whether a field is a number."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
 def _is_text(line: bytes) -> bool:
     """Whether a line holds characters, and no others than those."""
     content = b" ".join(line.split())
