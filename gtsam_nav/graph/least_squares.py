@@ -14,7 +14,10 @@ from gtsam_nav.errors import EstimationError
 from gtsam_nav.graph.backend import first_lines
 
 TOLERANCE = 1e-5
-"""Of the cost, as a share and as such: a step that takes less off was the last."""
+"""Share of the cost: a step that takes less off was the last."""
+LEAST_GAIN = 1e-3
+"""So was one that takes no more off as such: it moved nothing by a twentieth of its sigma, and where
+it was Gauss-Newton's, what is left is far less."""
 MOST_STEPS = 100
 
 
@@ -61,7 +64,7 @@ def _gauss_newton(graph: Any, values: Any, solver: str, tolerance: float) -> tup
     cost = optimizer.error()
     for _ in range(MOST_STEPS):
         optimizer.iterate()
-        gain, least = cost - optimizer.error(), max(TOLERANCE, tolerance * cost)
+        gain, least = cost - optimizer.error(), max(LEAST_GAIN, tolerance * cost)
         if gain > 0.0:
             # a copy: the optimizer's own die with its next step
             values, cost = gtsam.Values(optimizer.values()), optimizer.error()
