@@ -174,7 +174,11 @@ class Bag:
         if not connections:
             return
         try:
-            yield from self._reader.messages(connections, start_ns, stop_ns)
+            for connection, log_ns, raw in self._reader.messages(connections, start_ns, stop_ns):
+                # SQLite keeps values of any type in any column
+                if not (isinstance(log_ns, int) and isinstance(raw, bytes | memoryview)):
+                    raise ValueError(f"a message on {connection.topic} has no time or no bytes")
+                yield connection, log_ns, raw
         except Exception as error:  # rosbags raises whatever the damage leads to
             raise self._damaged(error) from error
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
+import sqlite3
 from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -469,6 +471,22 @@ def test_metadata_with_a_time_beyond_any_clock(tmp_path: Path) -> None:
     digits = key + "-" + "8" * 400
     metadata.write_text(re.sub(key + r"\d+", digits, metadata.read_text()))
     with pytest.raises(DataError, match="cannot be opened: its start or duration is no time"):
+        open_mission(path)
+
+
+@pytest.mark.parametrize("column", ["timestamp", "data"])
+@pytest.mark.parametrize("value", [b"\x00\x07", "noon", 0.5, None])
+def test_a_row_of_another_type_is_damage(tmp_path: Path, column: str, value: Any) -> None:
+    if column == "data" and isinstance(value, bytes):
+        value = 7
+    path = bag_of(tmp_path, still, "sqlite3")
+    (file,) = path.glob("*.db3")
+    with contextlib.closing(sqlite3.connect(file)) as database, database:
+        database.execute("CREATE TABLE rows AS SELECT * FROM messages")
+        database.execute("DROP TABLE messages")
+        database.execute("ALTER TABLE rows RENAME TO messages")
+        database.execute(f"UPDATE messages SET {column} = ? WHERE id = 9", (value,))
+    with pytest.raises(DataError, match=r"the bag is damaged: .*reindex"):
         open_mission(path)
 
 
