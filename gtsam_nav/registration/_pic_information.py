@@ -28,14 +28,9 @@ def information(
     q: Array,
     radius: float,
     cauchy_k: float,
-    one_partner: bool,
 ) -> tuple[Array, Array]:
-    """Hessian and its noise-driven twin at a solution: ``pic.information_at``, compiled.
-
-    Where a point has one partner, the nearest, the noise of that is the same for all it serves.
-    """
+    """Hessian and its noise-driven twin at a solution: ``pic.information_at``, compiled."""
     H, M = np.zeros((3, 3)), np.zeros((3, 3))
-    served = np.zeros((len(xy_ref), 3, 2))
     c, s = math.cos(q[2]), math.sin(q[2])
     for i in range(len(xy_new)):
         nearest, tx, ty, w, wxx, wxy, wyy, lxx, lxy, lyy = _weighed(
@@ -43,21 +38,9 @@ def information(
         )
         if nearest < 0:
             continue
-        if one_partner:
-            _pull(served[nearest], 0, w * wxx, w * wxy, tx, ty)
-            _pull(served[nearest], 1, w * wxy, w * wyy, tx, ty)
-            own = np.zeros((3, 2))
-            # the point's own axes, turned
-            _pull(own, 0, w * (c * wxx + s * wxy), w * (c * wxy + s * wyy), tx, ty)
-            _pull(own, 1, w * (c * wxy - s * wxx), w * (c * wyy - s * wxy), tx, ty)
-            M += own @ np.ascontiguousarray(cov_new[i]) @ own.T
-        else:
-            _add(M, w * w, wxx, wxy, wyy, tx, ty)
+        _add(M, w * w, wxx, wxy, wyy, tx, ty)
         # what a wall's uncertain direction lends the information along it is not there
         _add(H, w, wxx - lxx, wxy - lxy, wyy - lyy, tx, ty)
-    if one_partner:
-        for j in range(len(xy_ref)):
-            M += served[j] @ np.ascontiguousarray(cov_ref[j]) @ served[j].T
     return H, M
 
 

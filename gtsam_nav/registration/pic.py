@@ -88,14 +88,7 @@ def register(
         CONVERGED_RAD,
     )
     H, M = information(
-        reference.xy,
-        reference.cov,
-        new.xy,
-        new.cov,
-        q,
-        settings.wall_radius_m,
-        settings.cauchy_k,
-        settings.association == "nearest",
+        reference.xy, reference.cov, new.xy, new.cov, q, settings.wall_radius_m, settings.cauchy_k
     )
     return _judge(q, H, M, paired / len(new), iterations, prior, cov_prior, settings)
 
@@ -211,12 +204,11 @@ def information_at(
     Partners slide along walls, so that agreement along a wall is no evidence: where the reference
     points around a point form a wall, it tells about the pose across that wall only. The wall's
     direction is a fit to these points; the variance of its lean lends the information along it a
-    share that is taken off again. In H alone: M is the noise's own. That of a mean partner is taken
-    for a point's own, that of a nearest one is the same for all points that it serves.
+    share that is taken off again. In H alone: M is the noise's own.
     """
     from gtsam_nav.registration._pic_information import WALL_ELONGATION, WALL_EXTENT, WIDER
 
-    H, M, served = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((len(reference), 3, 2))
+    H, M = np.zeros((3, 3)), np.zeros((3, 3))
     B = planar_rotations(q[2])
     for turned, cov in zip(new.xy @ B.T, B @ new.cov @ B.T, strict=True):
         offset = reference.xy - q[:2] - turned
@@ -242,12 +234,7 @@ def information_at(
         J = np.array([[1.0, 0.0, -turned[1]], [0.0, 1.0, turned[0]]])
         weight = 1.0 / (1.0 + error @ W @ error / settings.cauchy_k**2)
         H += weight * J.T @ (W - lent) @ J
-        if settings.association == "nearest":
-            served[nearest] += weight * J.T @ W
-            M += weight**2 * J.T @ W @ cov @ W @ J
-        else:
-            M += weight**2 * J.T @ W @ J
-    M += np.einsum("kia,kab,kjb->ij", served, reference.cov, served)
+        M += weight**2 * J.T @ W @ J
     return H, M
 
 

@@ -258,33 +258,12 @@ def test_the_compiled_information_is_the_readable_one() -> None:
         for k in range(60):
             one = Scan(0.0, new.xy[[k]], new.cov[[k]])
             compiled = information(
-                *(reference.xy, reference.cov, one.xy, one.cov), q, radius, cauchy_k, False
+                *(reference.xy, reference.cov, one.xy, one.cov), q, radius, cauchy_k
             )
             for ours, theirs in zip(compiled, information_at(reference, one, q, pic), strict=True):
                 np.testing.assert_allclose(
                     ours, theirs, rtol=1e-6, atol=1e-9 * np.abs(theirs).max()
                 )
-    every = Scan(0.0, np.concatenate([new.xy, new.xy + 0.1]), np.tile(new.cov, (2, 1, 1)))
-    pic = PicSettings(association="nearest")
-    compiled = information(
-        *(reference.xy, reference.cov, every.xy, every.cov, q),
-        *(pic.wall_radius_m, pic.cauchy_k, True),
-    )
-    for ours, theirs in zip(compiled, information_at(reference, every, q, pic), strict=True):
-        np.testing.assert_allclose(ours, theirs, rtol=1e-6)
-
-
-@pytest.mark.parametrize("times", [1, 4])
-def test_a_nearest_partner_is_as_noisy_however_many_points_it_serves(times: int) -> None:
-    """Piles that the reference saw once, and the new scan more often."""
-    piles = 20.0 * np.array([divmod(k, 4) for k in range(12)]) - 30.0
-    pic = NO_FLOOR.model_copy(update={"association": "nearest"})
-    reference, new = scan_of(piles, 0.1), scan_of(np.tile(piles, (times, 1)), 0.2)
-    match = register(reference, new, np.zeros(3), PRIOR_COV, pic)
-    expected = (0.1**2 + 0.2**2 / times) / len(piles)
-    centre = piles.mean(axis=0)
-    J = np.array([[1.0, 0.0, -centre[1]], [0.0, 1.0, centre[0]]])
-    np.testing.assert_allclose(J @ match.cov @ J.T, expected * np.eye(2), rtol=0.01, atol=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(5))
