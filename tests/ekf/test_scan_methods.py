@@ -324,7 +324,7 @@ def test_a_heading_that_is_wrong_turns_the_way_from_a_scan() -> None:
         np.testing.assert_allclose(added, 0.01 * aside[:, :, None] * aside[:, None], atol=1e-9)
 
 
-def test_before_the_first_scan_nothing_is_known_better_than_not_at_all_wrong() -> None:
+def test_before_the_first_scan_no_variance_is_negative() -> None:
     mission = circling()
     track = follow_scans(mission.with_sensor(of_times(mission, 5.0, 20.0)), load_config())
     for carried in (between_scans, after_scans):
