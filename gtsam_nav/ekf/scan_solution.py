@@ -114,12 +114,12 @@ def between_scans(track: ScanTrack, history: PoseHistory, misalignment: float) -
     after = np.minimum(before + 1, n - 1)
     span = np.where(after > before, track.t[after] - track.t[before], 1.0)
     f = np.clip((t - track.t[before]) / span, 0.0, 1.0)
-    ne_0, turn_0 = _carried(track, history, before)
-    ne_1, turn_1 = _carried(track, history, after)
+    ne_0, turn_0, cov_0 = _carried(track, history, before)
+    ne_1, turn_1, cov_1 = _carried(track, history, after)
     ne = ne_0 + f[:, None] * (ne_1 - ne_0)
     turn = turn_0 + f * wrap_angle(turn_1 - turn_0)
     w = f[:, None, None]
-    cov = (1 - w) * history.covs[before] + w * history.covs[after]
+    cov = (1 - w) * cov_0 + w * cov_1
     cov += _bridge(track, after, f) + _turned(track, before, after, f, misalignment)
     walked, beyond = walked_cov(track), t > track.t[-1]
     cov[beyond] += walked[beyond] - walked[track.record[-1]]
@@ -187,10 +187,12 @@ def after_scans(track: ScanTrack, history: PoseHistory, misalignment: float) -> 
     """
     newest = np.searchsorted(track.beams_s[:, 1], track.filtered.t, side="right") - 1
     newest = np.maximum(newest, 0)
-    walked = walked_cov(track)
-    cov = history.covs[newest] + walked - walked[track.record[newest]]
+    ne, turn, cov = _carried(track, history, newest)
+    # the walk that leads to the first scan is in its pose
+    after_it, walked = track.filtered.t > track.t[newest], walked_cov(track)
+    cov[after_it] += (walked - walked[track.record[newest]])[after_it]
     cov += _turned(track, newest, newest, np.zeros(len(newest)), misalignment)
-    return _corrected(track, *_carried(track, history, newest), cov)
+    return _corrected(track, ne, turn, cov)
 
 
 def walked_cov(track: ScanTrack) -> Array:
@@ -202,12 +204,16 @@ def walked_cov(track: ScanTrack) -> Array:
     return np.asarray(total + walked)
 
 
-def _carried(track: ScanTrack, history: PoseHistory, scan: IntArray) -> tuple[Array, Array]:
-    """Position at each record, carried by the track from a scan, and the turn of the track."""
+def _carried(track: ScanTrack, history: PoseHistory, scan: IntArray) -> tuple[Array, Array, Array]:
+    """Position (r, 2) at each record, carried by the track from a scan, the turn (r,) of the track,
+    and what the scan's covariance says of both, (r, 3, 3): a wrong turn turns the way."""
     x, here = track.filtered.x, track.record[scan]
     turn = wrap_angle(history.poses[scan, 2] - x[here, YAW])
     moved = np.einsum("rij,rj->ri", planar_rotations(turn), x[:, :2] - x[here, :2])
-    return history.poses[scan, :2] + moved, turn
+    J = np.tile(np.eye(3), (len(scan), 1, 1))
+    J[:, 0, 2], J[:, 1, 2] = -moved[:, 1], moved[:, 0]
+    cov = J @ history.covs[scan] @ np.swapaxes(J, 1, 2)
+    return history.poses[scan, :2] + moved, turn, cov
 
 
 def _corrected(track: ScanTrack, ne: Array, turn: Array, cov_planar: Array) -> Trajectory:

@@ -18,7 +18,13 @@ from gtsam_nav.ekf.dead_reckoning import dead_reckon, filtered_trajectory
 from gtsam_nav.ekf.distortion import Distortion
 from gtsam_nav.ekf.pose_slam import PoseFilter, estimated_scale_sigma, loop_candidates
 from gtsam_nav.ekf.scan_match import ChainEnd, completed, match_consecutive
-from gtsam_nav.ekf.scan_solution import _bridge, _turned
+from gtsam_nav.ekf.scan_solution import (
+    PoseHistory,
+    _bridge,
+    _turned,
+    after_scans,
+    between_scans,
+)
 from gtsam_nav.ekf.scan_track import (
     COMPASS,
     MISALIGNMENT,
@@ -291,6 +297,40 @@ def test_after_the_last_scan_a_misalignment_turns_the_way() -> None:
     aside = angle * np.array([-east, north])
     np.testing.assert_allclose(found[-1, :2, :2], np.outer(aside, aside))
     np.testing.assert_allclose(found[track.record[-1]], 0.0, atol=1e-12)
+
+
+def exact_but_for_a_turn(track: ScanTrack, variance: float) -> PoseHistory:
+    """Poses of which one error of the heading, the same all along, is all that is wrong."""
+    cov = np.zeros((len(track), 3, 3))
+    poses = np.array([track.pose(k) for k in range(len(track))])
+    turned = np.column_stack([-poses[:, 1], poses[:, 0], np.ones(len(poses))])
+    return PoseHistory(poses, cov + variance * turned[:, :, None] * turned[:, None])
+
+
+def test_a_heading_that_is_wrong_turns_the_way_from_a_scan() -> None:
+    """Before, between and after the scans, and in the causal estimate, which hangs on the last."""
+    whole = circling(compass=False)
+    mission = whole.with_sensor(of_times(whole, 5.0, 20.0))
+    track = follow_scans(mission, load_config())
+    for carried in (between_scans, after_scans):
+        exact, turned = (
+            carried(track, exact_but_for_a_turn(track, variance), 0.0) for variance in (0.0, 0.01)
+        )
+        assert exact.cov_pose_n is not None
+        assert turned.cov_pose_n is not None
+        north, east = exact.p_n[:, :2].T
+        aside = np.column_stack([-east, north])
+        added = (turned.cov_pose_n - exact.cov_pose_n)[:, :2, :2]
+        np.testing.assert_allclose(added, 0.01 * aside[:, :, None] * aside[:, None], atol=1e-9)
+
+
+def test_before_the_first_scan_no_variance_is_negative() -> None:
+    mission = circling()
+    track = follow_scans(mission.with_sensor(of_times(mission, 5.0, 20.0)), load_config())
+    for carried in (between_scans, after_scans):
+        cov = carried(track, exact_but_for_a_turn(track, 0.0), 0.0).cov_pose_n
+        assert cov is not None
+        assert np.linalg.eigvalsh(cov).min() > -1e-12
 
 
 def of_times(mission: Mission, start_s: float, stop_s: float) -> Sensor:
