@@ -85,7 +85,7 @@ def test_what_is_known_of_places_nearby_is_what_a_new_look_finds(gate_m: float) 
 
 def test_a_reference_of_a_few_points_is_one_plane_everywhere() -> None:
     few = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]])
-    found = Surfaces(few).align(few + [0.0, 0.0, 0.1], np.eye(3), np.zeros(3), 0.2)
+    found = Surfaces(few).align(few, np.eye(3), np.array([0.0, 0.0, 0.1]), 0.2)
     np.testing.assert_allclose(np.abs(found.residual), 0.1)
 
 
