@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -42,6 +43,7 @@ Message = tuple[str, str, float, Any]
 """Topic, type, log time (s since ZERO_S), and the message."""
 
 
+@cache
 def typestore(kind: str) -> Typestore:
     store = get_typestore(Stores.ROS1_NOETIC if kind == "ros1" else Stores.ROS2_HUMBLE)
     transforms = {"tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms"}

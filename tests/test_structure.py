@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import is_dataclass
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 
@@ -52,9 +53,15 @@ def area(module: Path) -> str:
     return module.relative_to(PACKAGE).with_suffix("").parts[0]
 
 
+@cache
+def nodes(module: Path) -> tuple[ast.AST, ...]:
+    """The syntax of a module, in all its parts."""
+    return tuple(ast.walk(ast.parse(module.read_text(encoding="utf-8"))))
+
+
 def imports(module: Path) -> Iterator[str]:
     """Dotted names that a module imports, wherever in the file."""
-    for node in ast.walk(ast.parse(module.read_text(encoding="utf-8"))):
+    for node in nodes(module):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -95,11 +102,7 @@ def test_only_the_graph_imports_gtsam() -> None:
 
 def test_only_the_command_line_prints() -> None:
     for module in MODULES:
-        calls = {
-            ast.unparse(node.func)
-            for node in ast.walk(ast.parse(module.read_text(encoding="utf-8")))
-            if isinstance(node, ast.Call)
-        }
+        calls = {ast.unparse(node.func) for node in nodes(module) if isinstance(node, ast.Call)}
         printing = {"print", "typer.echo", "sys.stdout.write", "sys.exit"} & calls
         assert not printing or area(module) in {"cli", "terminal"}, (module, printing)
 

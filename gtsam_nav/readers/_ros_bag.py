@@ -10,7 +10,7 @@ import struct
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -280,22 +280,35 @@ def open_bag(path: Path) -> Iterator[Bag]:
         Where it is damaged or unfinished.
     """
     from rosbags.highlevel import AnyReader
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+    from rosbags.typesys import Stores, get_typestore
 
     bound_chunks()
-    ours: dict[str, Any] = {}
-    for name, text in DEFINITIONS.items():
-        ours |= get_types_from_msg("\n".join(line.strip() for line in text.splitlines()), name)
     standard = get_typestore(Stores.ROS2_HUMBLE)
     paths = bag_paths(path)
     with ExitStack() as stack:
         try:
             reader = stack.enter_context(AnyReader(paths, default_typestore=standard))
-            known = reader.typestore.fielddefs
-            spare = {**standard.fielddefs, **ours}
-            reader.typestore.register({k: v for k, v in spare.items() if k not in known})
+            _add_missing(reader.typestore, _spare_types())
             bag = Bag(reader, paths)
         except Exception as error:  # rosbags raises whatever the damage leads to
             reason = " ".join(str(error).split())[:300] or type(error).__name__
             raise DataError(f"the bag cannot be opened: {reason}{_remedy(paths)}", path) from error
         yield bag
+
+
+@cache
+def _spare_types() -> Any:
+    """The types of messages that a bag need not define: those of ROS 2, and some more."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    spare = get_typestore(Stores.ROS2_HUMBLE)
+    for name, text in DEFINITIONS.items():
+        lines = "\n".join(line.strip() for line in text.splitlines())
+        spare.register(get_types_from_msg(lines, name))
+    return spare
+
+
+def _add_missing(store: Any, spare: Any) -> None:
+    """Add the types that a bag's store lacks, as they are: to register them is to compile them."""
+    for name in spare.fielddefs.keys() - store.fielddefs.keys():
+        store.fielddefs[name], store.types[name] = spare.fielddefs[name], spare.types[name]

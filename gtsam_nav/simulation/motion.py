@@ -107,10 +107,11 @@ class Waves:
     def at(self, t: Array) -> tuple[Array, Array, Array]:
         """Value and first two time derivatives, each of shape (n, 4)."""
         angle = self.omega * t[:, None, None] + self.phase
+        sine, cosine = np.sin(angle), np.cos(angle)
         return (
-            (self.amplitude * np.sin(angle)).sum(2),
-            (self.amplitude * self.omega * np.cos(angle)).sum(2),
-            -(self.amplitude * self.omega**2 * np.sin(angle)).sum(2),
+            (self.amplitude * sine).sum(2),
+            (self.amplitude * self.omega * cosine).sum(2),
+            -(self.amplitude * self.omega**2 * sine).sum(2),
         )
 
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.consistency import FIXES, NO_FIXES, NO_SONAR, Case, outcome, run
+from benchmarks import consistency
+from benchmarks.consistency import FIXES, NO_FIXES, NO_SONAR, Case, Run, judged, outcome, run
+from gtsam_nav.evaluation.ensemble import NormalisedErrors
 
 
 def mean_per_dof(case: Case, runs: int, duration_s: float) -> dict[str, float]:
@@ -49,3 +51,28 @@ def test_an_outcome_has_a_row_a_quantity_and_a_sensor() -> None:
     for row in rows:
         assert row["holds"] == (row["fraction_inside"] >= 0.9)
         assert ("autocorrelation" in row) == row["quantity"].startswith("NIS")
+
+
+@pytest.mark.parametrize(
+    ("levels", "verdicts"), [((0.5, 1.4), [False, True]), ((0.5, 0.6), [False, False])]
+)
+def test_what_does_not_hold_is_judged_over_twice_the_missions(
+    levels: tuple[float, float], verdicts: list[bool], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An error that is one draw a run, of half the stated variance by chance or in truth."""
+    asked: list[range] = []
+
+    def ensembles(cases: list[Case], seeds: range, workers: int) -> list[list[Run]]:
+        asked.append(seeds)
+        assert workers == 3
+        heading = np.full(5, levels[seeds.start // 50])
+        errors = NormalisedErrors(np.arange(5.0), {"heading": heading}, {"heading": 1})
+        return [[Run(errors, {})] * len(seeds) for _ in cases]
+
+    monkeypatch.setattr(consistency, "ensembles", ensembles)
+    promised, measured = Case("kiss"), Case("scan-match", promised=False)
+    of_promised, of_measured = judged([promised, measured], 50, workers=3)
+    assert [found.runs for found in of_promised] == [50, 100]
+    assert [found.holds for found in of_promised] == verdicts
+    assert [found.runs for found in of_measured] == [50]
+    assert asked == [range(50), range(50, 100)]

@@ -14,12 +14,15 @@ import numpy as np
 import pytest
 import yaml
 from bags import KINDS, ZERO_S, Message, Messages, messages_of, write_bag
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Origin, quaternion_from_rpy, rotation_from_rpy
 from gtsam_nav.methods import estimate
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.readers import describe, open_mission
+from gtsam_nav.readers._ros_bag import _add_missing, _spare_types
+from gtsam_nav.readers._ros_definitions import DEFINITIONS
 from gtsam_nav.series import (
     AttitudeSeries,
     BeamSeries,
@@ -582,3 +585,14 @@ def test_fixes_have_the_sigmas_of_the_receiver(recorded_data: Path) -> None:
     assert isinstance(gnss, GnssSeries)
     assert len(gnss) == 151
     np.testing.assert_allclose(gnss.sigma[0] ** 2, [3.956121, 3.956121, 7.650756])
+
+
+def test_a_type_that_a_bag_defines_is_its_own_and_what_it_lacks_is_added() -> None:
+    name = "geometry_msgs/msg/Point"
+    store, spare = get_typestore(Stores.EMPTY), _spare_types()
+    store.register(get_types_from_msg("float64 x", name))
+    _add_missing(store, spare)
+    assert [field for field, _ in store.fielddefs[name][1]] == ["x"]
+    assert [field for field, _ in spare.fielddefs[name][1]] == ["x", "y", "z"]
+    assert store.fielddefs.keys() >= {*spare.fielddefs, *DEFINITIONS}
+    assert store.types["geometry_msgs/msg/Vector3"](1.0, 2.0, 3.0).y == 2.0

@@ -69,6 +69,26 @@ def test_refined_poses_err_as_their_covariance_says() -> None:
     assert 0.5 < np.mean(nees) < 1.5
 
 
+@pytest.mark.parametrize("gate_m", [0.1, 1.0])
+def test_what_is_known_of_places_nearby_is_what_a_new_look_finds(gate_m: float) -> None:
+    rng = np.random.default_rng(8)
+    planes, new = Surfaces(room(rng)), room(rng)[::5]
+    turn = Rotation.from_rotvec([0.01, -0.02, 0.03]).as_matrix()
+    R_ab, p_a, carried = planes.refine(new, turn, np.array([0.1, 0.05, -0.1]), gate_m)
+    looked = planes.align(new, R_ab, p_a, gate_m)
+    assert 0.3 < carried.fitness == looked.fitness
+    for name in ("residual", "jacobian", "cov_normal_b", "place"):
+        np.testing.assert_allclose(
+            getattr(carried, name), getattr(looked, name), rtol=1e-6, atol=1e-10, err_msg=name
+        )
+
+
+def test_a_reference_of_a_few_points_is_one_plane_everywhere() -> None:
+    few = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]])
+    found = Surfaces(few).align(few, np.eye(3), np.array([0.0, 0.0, 0.1]), 0.2)
+    np.testing.assert_allclose(np.abs(found.residual), 0.1)
+
+
 def test_nothing_moves_along_what_no_plane_tells() -> None:
     rng = np.random.default_rng(1)
     xy = rng.uniform(-5.0, 5.0, size=(3000, 2))
