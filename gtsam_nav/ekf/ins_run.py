@@ -43,12 +43,15 @@ class History:
     used : list of list of (float, float)
         Time and normalised innovation squared of what each aid had accepted.
     rejections : list of Rejection
+    yaw_left : bool
+        Whether measurements were taken while the yaw was too uncertain to be corrected by them.
     """
 
     nodes: list[Node] = field(default_factory=list)
     recorded: list[int] = field(default_factory=list)
     used: list[list[tuple[float, Array]]] = field(default_factory=list)
     rejections: list[Rejection] = field(default_factory=list)
+    yaw_left: bool = False
 
 
 class InsRun:
@@ -138,11 +141,9 @@ class InsRun:
             self._reopen(which)
             update = self._with_noise_as_seen(which, self._compare(which, k))
         rate = self._rate(which, len(update.R))
-        gain = self.filter.correct(
-            update,
-            shows_yaw=aid.shows_yaw,
-            leave_yaw=unknown and aid.observes not in ("heading", "gyro bias"),
-        )
+        leave_yaw = unknown and aid.observes not in ("heading", "gyro bias")
+        gain = self.filter.correct(update, shows_yaw=aid.shows_yaw, leave_yaw=leave_yaw)
+        self.history.yaw_left |= leave_yaw
         self._clocks.corrected(update, gain, aid.receiver, rate)
         self.history.used[which].append((self.filter.state.t, update.whitened))
         if not unknown:

@@ -239,6 +239,14 @@ def test_without_a_compass_the_motion_shows_the_heading() -> None:
     assert solution.georeferenced
 
 
+def test_the_smoother_is_better_than_a_filter_that_had_to_find_its_heading() -> None:
+    mission = laps(12).without("heading")
+    filtered, smoothed = estimate(mission), estimate(mission, "ins_ekf.smooth=true")
+    assert rms(error_m(smoothed, mission)) < 0.8 * rms(error_m(filtered, mission))
+    assert smoothed.online is not None
+    assert np.array_equal(smoothed.online.p_n, filtered.trajectory.p_n)
+
+
 def test_readings_of_no_noise_do_no_harm() -> None:
     t = np.arange(5.0, 100.0, 10.0)
     exact = DepthSeries(t=t, depth_m=np.full(len(t), 0.1), sigma=np.zeros(len(t)))
