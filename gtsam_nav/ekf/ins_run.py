@@ -82,6 +82,7 @@ class InsRun:
         self._own = [slice(a, b) for a, b in pairwise(last)]
         self._search = HeadingSearch()
         self._gained_n = np.zeros(3)
+        self._lost: list[str] = []
         receivers = dict.fromkeys(aid.receiver for aid in aids if aid.receiver)
         self._clocks = ClockWatch(list(receivers), self.filter.size)
         self._gained_before: list[tuple[float, Array]] = [(start.state.t, np.zeros(3))] * len(aids)
@@ -173,12 +174,14 @@ class InsRun:
         return self.filter.compare(update.residual, update.H, factor * update.R)
 
     def doubts(self) -> Iterator[str]:
-        """What is said of sensors that are worse than they state, or whose clock seems off."""
+        """What is said of sensors that are worse than they state, whose clock seems off, or that
+        found the filter lost."""
         for aid, watch in zip(self.aids, self._watches, strict=True):
             said = watch and watch.warning(aid.name)
             if said:
                 yield said
         yield from self._clocks.doubts()
+        yield from self._lost
 
     def _compare(self, which: int, k: int) -> Update:
         aid, own = self.aids[which], self._own[which]
@@ -202,6 +205,11 @@ class InsRun:
             "at %.1f s the filter had lost %s: it follows %s again", t, aid.observes, aid.name
         )
         offset, rate = (float(np.linalg.norm(part)) for part in self._gates[which].offset())
+        if aid.observes == "position":
+            self._lost.append(
+                f"at {t:.1f} s all positions by '{aid.name}' lay {offset:.0f} m or so off the filter's"
+                " for a while: it follows them since; what is false may be those before, or they"
+            )
         variance = np.zeros(self.filter.size)
         down_b = self.filter.state.body.R_nb[2]
         if aid.observes in ("position", "depth"):
