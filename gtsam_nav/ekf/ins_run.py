@@ -207,8 +207,9 @@ class InsRun:
         offset, rate = (float(np.linalg.norm(part)) for part in self._gates[which].offset())
         if aid.observes == "position":
             self._lost.append(
-                f"at {t:.1f} s all positions by '{aid.name}' lay {offset:.0f} m or so off the filter's"
-                " for a while: it follows them since; what is false may be those before, or they"
+                f"at {t:.1f} s all positions by '{aid.name}' lay {offset:.0f} m or so off the"
+                " filter's for a while: it follows them since; what is false may be those before,"
+                " or they"
             )
         variance = np.zeros(self.filter.size)
         down_b = self.filter.state.body.R_nb[2]
