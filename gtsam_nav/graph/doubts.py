@@ -56,7 +56,8 @@ def doubts(problem: Problem, settled: Settled, *, converged: bool) -> Iterator[s
             " are right, so where they put the vehicle is arbitrary"
         )
     if not (converged and settled.settled):
-        yield "the refinement stopped before it settled"
+        what = "batch solve" if converged else "refinement"
+        yield f"the {what} stopped before it settled"
 
 
 def missing_loops(wanted: bool, matches: Sequence[ScanMatch]) -> Iterator[str]:

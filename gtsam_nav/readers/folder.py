@@ -266,9 +266,9 @@ class _Reading:
         if layout is LAYOUTS["landmarks"] and not table.columns.keys() & {"range_m", "bearing_deg"}:
             raise DataError("column 'range_m' or 'bearing_deg' is needed, or both", path, 1)
         if table.cut_line is not None:
-            self.warnings.append(
-                f"sensor '{name}': {path.name}:{table.cut_line}: the last line is damaged: left out"
-            )
+            where = f"sensor '{name}': {path.name}:{table.cut_line}"
+            cut = ", and the archive is cut off there" * table.archive_cut
+            self.warnings.append(f"{where}: the last line is damaged: left out{cut}")
         if table.unknown:
             unknown = ", ".join(table.unknown)
             self.warnings.append(f"sensor '{name}': {path.name} has unknown columns: {unknown}")
