@@ -97,6 +97,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
             *stated_rests(mission, config.motion)[1],
             *_silences(strapdown, imu, t),
             *run.doubts(),
+            *_unaided(aids, trajectory),
         ),
         slow_states=_slow_states(states, P, imu),
         innovations=_innovations(aids, history),
@@ -121,6 +122,19 @@ def _silences(strapdown: Strapdown, imu: Sensor, t: Array) -> tuple[str, ...]:
         f"the IMU '{imu.name}' is silent from {a:.1f} s to {b:.1f} s: the vehicle is taken to keep"
         " its velocity"
         for a, b in strapdown.silences(float(t[0]), float(t[-1]))
+    )
+
+
+def _unaided(aids: list[Aid], trajectory: Trajectory) -> tuple[str, ...]:
+    """What is said where nothing but the IMU tells the way."""
+    if any(aid.observes in ("position", "velocity", "body velocity") for aid in aids):
+        return ()
+    sigma_m = trajectory.sigma_p_n
+    assert sigma_m is not None
+    return (
+        "nothing but the IMU tells the way: the position drifts freely, at the end to a standard"
+        f" deviation of {float(np.hypot(*sigma_m[-1, :2])):.3g} m; GNSS, a DVL or odometry would"
+        " hold it",
     )
 
 

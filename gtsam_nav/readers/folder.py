@@ -29,7 +29,7 @@ origin the first fix of a file with latitudes is taken, and a warning says so. `
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -135,7 +135,7 @@ def read_described(
         edges=reading.edges,
         constraints=described.constraints.to_constraints(),
         rejections=(*rejections, *reading.rejections),
-        warnings=tuple(reading.warnings),
+        warnings=(*reading.warnings, *reading.unknown_columns()),
         sources=(description, *reading.sources),
     )
     offsets = {rejection.sensor: 0.0 for rejection in rejections}
@@ -156,6 +156,7 @@ class _Reading:
     sources: list[Path] = field(default_factory=list)
     landmark_map: LandmarkMap | None = None
     edges: PoseEdges | None = None
+    unread: dict[Path, dict[str, tuple[str, ...]]] = field(default_factory=dict)
 
     def add(self, name: str, entry: SensorEntry) -> None:
         """Read one entry of the mission."""
@@ -269,10 +270,18 @@ class _Reading:
             where = f"sensor '{name}': {path.name}:{table.cut_line}"
             cut = ", and the archive is cut off there" * table.archive_cut
             self.warnings.append(f"{where}: the last line is damaged: left out{cut}")
-        if table.unknown:
-            unknown = ", ".join(table.unknown)
-            self.warnings.append(f"sensor '{name}': {path.name} has unknown columns: {unknown}")
+        self.unread.setdefault(path, {})[name] = table.unknown
         return table
+
+    def unknown_columns(self) -> Iterator[str]:
+        """What is said of columns that no sensor takes."""
+        for path, by_sensor in self.unread.items():
+            lists = list(by_sensor.values())
+            unknown = [c for c in lists[0] if all(c in others for others in lists[1:])]
+            if unknown:
+                names = ", ".join(f"'{name}'" for name in by_sensor)
+                sensors = f"sensor{'s' * (len(lists) > 1)} {names}"
+                yield f"{sensors}: {path.name} has unknown columns: {', '.join(unknown)}"
 
     def _clouds(self, name: str, path: Path) -> Cleaned:
         stamps, names, cut_stamp = read_named_files(path)

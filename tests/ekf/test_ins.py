@@ -410,6 +410,7 @@ def test_an_imu_and_a_stated_start_are_pure_inertial_navigation() -> None:
     solution = estimate(mission)
     assert set(solution.innovations) == {"zero velocity", "zero rate"}  # its start at rest
     assert solution.georeferenced
+    assert any("drifts freely" in warning for warning in solution.warnings)
     truth = truth_of(mission)
     found = solution.trajectory.interpolate(truth.t[:-1])
     # the boat sinks slowly while it seems to rest, and nothing tells it so
