@@ -38,6 +38,8 @@ from gtsam_nav.trajectory import Trajectory, record_times
 
 FASTEST_M_S = 1000.0
 """No vehicle is as fast, nor is an IMU that drifts for an hour."""
+UNAIDED_S = 60.0
+"""An IMU that tells the way alone for so long, at the end, is worth a warning."""
 
 
 def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
@@ -97,7 +99,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
             *stated_rests(mission, config.motion)[1],
             *_silences(strapdown, imu, t),
             *run.doubts(),
-            *_unaided(aids, trajectory),
+            *_unaided(aids, history, trajectory),
         ),
         slow_states=_slow_states(states, P, imu),
         innovations=_innovations(aids, history),
@@ -125,16 +127,19 @@ def _silences(strapdown: Strapdown, imu: Sensor, t: Array) -> tuple[str, ...]:
     )
 
 
-def _unaided(aids: list[Aid], trajectory: Trajectory) -> tuple[str, ...]:
-    """What is said where nothing but the IMU tells the way."""
-    if any(aid.observes in ("position", "velocity", "body velocity") for aid in aids):
+def _unaided(aids: list[Aid], history: History, trajectory: Trajectory) -> tuple[str, ...]:
+    """What is said where in the end, or all along, nothing but the IMU tells the way."""
+    tells = [aid.observes in ("position", "velocity", "body velocity") for aid in aids]
+    last = [used[-1][0] for used, way in zip(history.used, tells, strict=True) if way and used]
+    begin, end = max(last, default=float(trajectory.t[0])), float(trajectory.t[-1])
+    if end - begin < UNAIDED_S:
         return ()
     sigma_m = trajectory.sigma_p_n
     assert sigma_m is not None
     return (
-        "nothing but the IMU tells the way: the position drifts freely, at the end to a standard"
-        f" deviation of {float(np.hypot(*sigma_m[-1, :2])):.3g} m; GNSS, a DVL or odometry would"
-        " hold it",
+        f"from {begin:.1f} s on nothing but the IMU tells the way: the position drifts freely, at"
+        f" the end to a standard deviation of {float(np.hypot(*sigma_m[-1, :2])):.3g} m; GNSS, a"
+        " DVL or odometry would hold it",
     )
 
 
