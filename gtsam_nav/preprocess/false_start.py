@@ -61,7 +61,7 @@ class _Track:
         manoeuvre_m = MANOEUVRE_M_S2 * gap_s * (self.t[after] - self.t[before]) / 2
         # what is slow does not come far from where it was going
         allowed_m = JUMP_SIGMAS * sigma + min(manoeuvre_m, 2 * self.fast_m_s * gap_s)
-        return min(off_m, default=float(np.linalg.norm(way))) <= allowed_m
+        return bool(min(off_m, default=float(np.linalg.norm(way))) <= allowed_m)
 
 
 def without_false_starts(mission: Mission) -> Mission:
@@ -77,6 +77,7 @@ def without_false_starts(mission: Mission) -> Mission:
 
 def _from_fix(mission: Mission, receiver: Sensor, first: int, off_m: float) -> Mission:
     series = receiver.series
+    assert isinstance(series, GnssSeries)
     which = "first fix" if first == 1 else f"first {first} fixes"
     said = (
         f"'{receiver.name}' jumps by {off_m:.0f} m after its {which}, until"
