@@ -78,7 +78,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         with clock.stage("smoother"):
             progress("smoother", 0.0)
             smoothed = _smoothed(history)
-            if history.yaw_left and _yaw_was_found(history.nodes[0].P, smoothed):
+            if history.yaw_found and _yaw_was_found(history.nodes[0].P, smoothed):
                 yaw = float(rpy_from_rotation(smoothed.first.body.R_nb)[2])
                 del run, history  # as large as the pass that follows
                 run = InsRun(strapdown, start.with_yaw(yaw), aids, keep_all=True)
