@@ -195,10 +195,11 @@ class MotionConstraints(Described):
 
     nonholonomic: bool = False
     zero_velocity: bool = False
+    constant_depth: bool = False
 
     def to_constraints(self) -> Constraints:
         """The same as the mission holds them."""
-        return Constraints(self.nonholonomic, self.zero_velocity)
+        return Constraints(self.nonholonomic, self.zero_velocity, self.constant_depth)
 
 
 class Card(Described):

@@ -103,10 +103,13 @@ class Constraints:
         It rolls on wheels or tracks: the body's origin moves neither sideways nor up.
     zero_velocity : bool
         It stands still whenever its IMU is quiet; never true of what floats.
+    constant_depth : bool
+        It keeps the depth of its start: what floats, or stands on a level floor.
     """
 
     nonholonomic: bool = False
     zero_velocity: bool = False
+    constant_depth: bool = False
 
 
 @dataclass(frozen=True)

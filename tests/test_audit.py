@@ -164,6 +164,15 @@ def test_gaps_are_found_where_they_are(mission: Mission) -> None:
     assert "30.0 s at 100.0 s" in finding(found, "gaps").message
 
 
+def test_a_sensor_that_ends_early_is_named(mission: Mission) -> None:
+    half_s = sum(mission.span_s) / 2
+    dvl = mission.sensors["dvl"]
+    short = mission.with_sensor(replace(dvl, series=dvl.series.crop(0.0, half_s)))
+    (found,) = [f for f in audit(short).findings if f.check == "span"]
+    assert found.sensor == "dvl"
+    assert found.message.startswith("ends at ")
+
+
 def test_dropped_samples_are_counted_by_reason(mission: Mission) -> None:
     dropped = [Rejection(float(k), "dvl", k, "time goes back") for k in range(3)]
     found = audit(replace(mission, rejections=(*dropped, Rejection(9.0, "dvl", 9, "not finite"))))

@@ -20,6 +20,7 @@ from gtsam_nav.audit.timing import (
     TIMING_CHECKS,
     SensorTiming,
     sensor_timing,
+    span_findings,
     stamp_findings,
     timing_findings,
 )
@@ -119,6 +120,7 @@ def audit(mission: Mission) -> Audit:
     def findings() -> Iterator[Finding]:
         for timing in timings:
             yield from timing_findings(timing)
+        yield from span_findings(mission)
         yield from stamps
         yield from stuck
         for sensor in mission.sensors.values():

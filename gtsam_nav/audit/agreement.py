@@ -251,7 +251,10 @@ def _over_windows(products: Array, step_s: float, reach: int | None, moved: int)
         step_s=step_s,
         n_windows=n,
     )
-    return Verdict(found, _is_unrivalled(products, k, reach, moved))
+    unrivalled = _is_unrivalled(products, k, reach, moved) and not _no_lag_will_do(
+        products, k, moved
+    )
+    return Verdict(found, unrivalled)
 
 
 def _begins(known_y: BoolArray, known_x: BoolArray, length: int, n_lags: int) -> list[int]:
@@ -310,13 +313,29 @@ def _is_unrivalled(products: Array, best: int, reach: int | None, moved: int) ->
     likelier = small or sign_alone
     questions, false_alarm = (1, ALIAS_FALSE_ALARM) if likelier else (len(rivals), FALSE_ALARM)
 
-    def misfit(k: int) -> Array:
-        gain = xy[k] / xx[k]
-        of_x, of_xx, of_yy = products[:, :, k].T
-        return np.asarray(np.sqrt(np.maximum(of_yy - 2 * gain * of_x + gain**2 * of_xx, 0.0)))
-
-    loss = losses(np.array([misfit(k) for k in (best, *rivals)]))
+    loss = losses(np.array([_misfit(products, k) for k in (best, *rivals)]))
     return all(prefers(row, loss[0], questions, false_alarm) for row in loss[1:])
+
+
+def _no_lag_will_do(products: Array, best: int, moved: int) -> bool:
+    """Whether the best lag does not explain significantly more than none.
+
+    What the windows leave of slow motion is noise for the most part: it moves a broad peak about.
+    """
+    xy = products[:, 0].sum(axis=0)
+    none = len(xy) // 2 - moved
+    if not 0 <= none < len(xy) or none == best or xy[none] * xy[best] <= 0:
+        return False
+    loss = losses(np.array([_misfit(products, k) for k in (best, none)]))
+    return not prefers(loss[1], loss[0], 1, FALSE_ALARM)
+
+
+def _misfit(products: Array, k: int) -> Array:
+    """What lag k leaves unexplained of each window."""
+    xy, xx, _ = products[:, :, k].sum(axis=0)
+    gain = xy / xx
+    of_x, of_xx, of_yy = products[:, :, k].T
+    return np.asarray(np.sqrt(np.maximum(of_yy - 2 * gain * of_x + gain**2 * of_xx, 0.0)))
 
 
 def _other_peaks(explained: Array, best: int) -> list[int]:

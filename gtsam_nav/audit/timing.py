@@ -15,7 +15,12 @@ from gtsam_nav.preprocess.stamp_units import UNITS, in_other_unit, smaller_units
 
 GAP_FACTOR, LEAST_GAP_S = 5.0, 1.0
 """A silence of more than this many median intervals is a gap, unless it is shorter than that."""
-TIMING_CHECKS = ("samples", "gaps", "dropped")
+TIMING_CHECKS = ("samples", "gaps", "dropped", "span")
+
+COME_AND_GO = ("gnss", "landmarks", "clouds")
+"""Types whose sensors may fall silent for good: under water, or with nothing in sight."""
+MISSED_S, MISSED_SHARE = 10.0, 0.1
+"""A sensor that begins so much after the first, or ends so much before the last, lacks a part."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +80,7 @@ def sensor_timing(mission: Mission, sensor: Sensor) -> SensorTiming:
 
 def timing_findings(timing: SensorTiming) -> Iterator[Finding]:
     """Warnings about silence and dropped samples."""
-    samples, gaps, drops = TIMING_CHECKS
+    samples, gaps, drops, _ = TIMING_CHECKS
     if not timing.n_samples:
         yield Finding(samples, timing.name, "warning", "no usable sample")
     if timing.gaps and timing.type != "landmarks":  # those come and go
@@ -95,6 +100,23 @@ def timing_findings(timing: SensorTiming) -> Iterator[Finding]:
         reason = max(timing.dropped, key=lambda dropped: dropped.n_samples).reason
         message = f"{share} are of no use, mostly for: {reason}"
         yield Finding("mostly dropped", timing.name, "warning", message)
+
+
+def span_findings(mission: Mission) -> Iterator[Finding]:
+    """Warnings about sensors that tell of a part of the mission only."""
+    own = [s for s in mission.sensors.values() if s.type != "reference" and len(s.series)]
+    if not own:
+        return
+    begin = min(float(sensor.series.t[0]) for sensor in own)
+    end = max(float(sensor.series.t[-1]) for sensor in own)
+    allowed_s = max(MISSED_S, MISSED_SHARE * (end - begin))
+    for sensor in own:
+        first, last = float(sensor.series.t[0]), float(sensor.series.t[-1])
+        parts = [f"begins at {first:.1f} s"] * (first - begin > allowed_s)
+        parts += [f"ends at {last:.1f} s"] * (end - last > allowed_s)
+        if parts and sensor.type not in COME_AND_GO:
+            message = f"{' and '.join(parts)}; the mission lasts from {begin:.1f} to {end:.1f} s"
+            yield Finding("span", sensor.name, "warning", message)
 
 
 def stamp_findings(mission: Mission) -> Iterator[Finding]:

@@ -46,12 +46,13 @@ def _usable_fixes(receiver: Sensor) -> tuple[Sensor, list[Rejection]]:
     """A receiver from its first fix on that the next ones bear out."""
     series = receiver.series
     assert isinstance(series, GnssSeries)
-    first = first_fixes(series).first
+    off = located(series)
+    off[first_fixes(series).first :] = False
     rejections = [
         Rejection(float(series.t[k]), receiver.name, int(series.row[k]), "first fix off the next")
-        for k in range(first)
+        for k in np.flatnonzero(off).tolist()
     ]
-    return replace(receiver, series=series.select(slice(first, None))), rejections
+    return replace(receiver, series=series.select(~off)), rejections
 
 
 def _gnss(

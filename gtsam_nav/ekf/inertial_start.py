@@ -11,7 +11,13 @@ import numpy as np
 
 from gtsam_nav.ekf.strapdown import ACCEL_BIAS, GYRO_BIAS, NU, RHO, SIZE, THETA, InertialState
 from gtsam_nav.ekf.yaw_by_fixes import yaw_shown_by_fixes
-from gtsam_nav.frames import Array, earth_rate_n, quaternion_from_rpy, rotation_from_rpy
+from gtsam_nav.frames import (
+    Array,
+    earth_rate_n,
+    quaternion_from_rpy,
+    rotation_from_rpy,
+    rpy_from_rotation,
+)
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.alignment import align
 from gtsam_nav.preprocess.first_fixes import ANY_SPEED_M_S, first_fixes
@@ -26,6 +32,9 @@ DIVING_M_S = 1.0
 """Vertical speed between the start and the first depth."""
 UNKNOWN_YAW_SIGMA_RAD = np.pi / np.sqrt(3)
 """Of a heading that may be any."""
+FOUND_YAW_SIGMA_RAD = np.radians(15.0)
+"""Of a yaw that a smoother found: near enough for errors that are linear in it, and wide, since the
+same measurements tell it again."""
 GYROCOMPASS_SIGMA_RAD = np.radians(5.0)
 """Gyros whose biases turn a gyrocompass by more than this are none."""
 
@@ -50,6 +59,19 @@ class InertialStart:
     rest: Rest | None
     gyrocompass: bool
     georeferenced: bool
+
+    def with_yaw(self, yaw: float) -> InertialStart:
+        """The same start with a yaw that was found since."""
+        before = self.state.body.R_nb
+        roll, pitch, _ = rpy_from_rotation(before)
+        rpy = np.array([roll, pitch, yaw])
+        R_nb, P = rotation_from_rpy(rpy), self.P.copy()
+        for entries in (THETA, RHO):
+            P_n = before @ P[entries, entries] @ before.T
+            if entries == THETA:
+                P_n[2, 2] = FOUND_YAW_SIGMA_RAD**2
+            P[entries, entries] = R_nb.T @ P_n @ R_nb
+        return replace(self, state=replace(self.state, q_nb_wxyz=quaternion_from_rpy(rpy)), P=P)
 
 
 def inertial_start(mission: Mission, imu: Sensor) -> InertialStart:

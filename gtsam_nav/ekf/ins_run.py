@@ -43,12 +43,15 @@ class History:
     used : list of list of (float, float)
         Time and normalised innovation squared of what each aid had accepted.
     rejections : list of Rejection
+    yaw_found : bool
+        Whether the yaw was unknown until motion showed it.
     """
 
     nodes: list[Node] = field(default_factory=list)
     recorded: list[int] = field(default_factory=list)
     used: list[list[tuple[float, Array]]] = field(default_factory=list)
     rejections: list[Rejection] = field(default_factory=list)
+    yaw_found: bool = False
 
 
 class InsRun:
@@ -79,6 +82,7 @@ class InsRun:
         self._own = [slice(a, b) for a, b in pairwise(last)]
         self._search = HeadingSearch()
         self._gained_n = np.zeros(3)
+        self._lost: list[str] = []
         receivers = dict.fromkeys(aid.receiver for aid in aids if aid.receiver)
         self._clocks = ClockWatch(list(receivers), self.filter.size)
         self._gained_before: list[tuple[float, Array]] = [(start.state.t, np.zeros(3))] * len(aids)
@@ -172,12 +176,14 @@ class InsRun:
         return self.filter.compare(update.residual, update.H, factor * update.R)
 
     def doubts(self) -> Iterator[str]:
-        """What is said of sensors that are worse than they state, or whose clock seems off."""
+        """What is said of sensors that are worse than they state, whose clock seems off, or that
+        found the filter lost."""
         for aid, watch in zip(self.aids, self._watches, strict=True):
             said = watch and watch.warning(aid.name)
             if said:
                 yield said
         yield from self._clocks.doubts()
+        yield from self._lost
 
     def _compare(self, which: int, k: int) -> Update:
         aid, own = self.aids[which], self._own[which]
@@ -201,6 +207,12 @@ class InsRun:
             "at %.1f s the filter had lost %s: it follows %s again", t, aid.observes, aid.name
         )
         offset, rate = (float(np.linalg.norm(part)) for part in self._gates[which].offset())
+        if aid.observes == "position":
+            self._lost.append(
+                f"at {t:.1f} s all positions by '{aid.name}' lay {offset:.0f} m or so off the"
+                " filter's for a while: it follows them since; what is false may be those before,"
+                " or they"
+            )
         variance = np.zeros(self.filter.size)
         down_b = self.filter.state.body.R_nb[2]
         if aid.observes in ("position", "depth"):
@@ -240,6 +252,7 @@ class InsRun:
         gain = self.filter.correct(update, shows_yaw=True)
         self._clocks.corrected(update, gain, "", np.zeros(1))
         self._search.forget()
+        self.history.yaw_found = True
         logger.info(
             "at %.1f s the heading is found: %.0f deg", self.filter.state.t, np.degrees(heading)
         )

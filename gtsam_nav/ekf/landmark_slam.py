@@ -20,6 +20,7 @@ from gtsam_nav.ekf.sighting_updates import SightingUpdates
 from gtsam_nav.errors import DataError, EstimationError
 from gtsam_nav.frames import Array, quaternion_from_rotation
 from gtsam_nav.mission import Mission, Sensor
+from gtsam_nav.preprocess.depth_by_ranges import said_of_depth
 from gtsam_nav.series import LandmarkSeries
 from gtsam_nav.solution import Innovations, LandmarkEstimates, Progress, Solution, StageClock
 from gtsam_nav.trajectory import Trajectory
@@ -75,7 +76,11 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
             *sightings.rejections,
             *(() if aids is None else aids.rejections),
         ),
-        warnings=(*mission.warnings, *([NO_PLACE] if lacks_map else [])),
+        warnings=(
+            *mission.warnings,
+            *([NO_PLACE] if lacks_map else []),
+            *said_of_depth(mission, config.landmarks.use_map, estimated=False),
+        ),
         innovations=_innovations(sensor, slam, sightings, aids),
         landmarks=_landmarks(slam),
         gnss_used=begin.gnss_used + (0 if aids is None else aids.fixes_used),

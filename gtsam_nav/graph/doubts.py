@@ -17,6 +17,8 @@ from gtsam_nav.mission import Mission
 from gtsam_nav.sonar.echoes import Echoes
 from gtsam_nav.trajectory import Trajectory
 
+TELL_THE_WAY = ("gnss", "landmarks", "beams", "scans", "clouds")
+"""Types of sensor, beside those of velocity, without which an IMU tells the way alone."""
 LEAST_BELIEVED = 0.2
 """Where a smaller share of the fixes agrees, none of them tells where the vehicle is."""
 FEWEST, CONTRADICTION = 20, 3.0
@@ -56,13 +58,24 @@ def doubts(problem: Problem, settled: Settled, *, converged: bool) -> Iterator[s
             " are right, so where they put the vehicle is arbitrary"
         )
     if not (converged and settled.settled):
-        yield "the refinement stopped before it settled"
+        what = "batch solve" if converged else "refinement"
+        yield f"the {what} stopped before it settled"
 
 
 def missing_loops(wanted: bool, matches: Sequence[ScanMatch]) -> Iterator[str]:
     """Where false loop closures were asked for and none was drawn."""
     if wanted and not any(m.is_injected for m in matches):
         yield "no loop closures: there were none to put false ones among"
+
+
+def unaided(mission: Mission, problem: Problem) -> Iterator[str]:
+    """Where nothing but the IMU tells the way."""
+    seen = any(mission.of_type(kind) for kind in TELL_THE_WAY)
+    if not (problem.measures_velocity or seen or mission.edges is not None):
+        yield (
+            "nothing but the IMU tells the way: the position drifts freely; GNSS, a DVL or odometry"
+            " would hold it"
+        )
 
 
 def unmeasured_height(keyframes: Trajectory) -> Iterator[str]:

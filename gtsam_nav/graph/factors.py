@@ -169,10 +169,10 @@ def increment(
     R_ab: Array,
     p_a: Array,
     rotation_precisions: Array,
-    sigma_p: float,
+    sigma_p: Array,
     bends: bool,
 ) -> Any:
-    """Motion from keyframe a to b, and rotation if known.
+    """Motion from keyframe a to b, its sigmas along the axes at b, and rotation if known.
 
     ``R_ab' (R_a' (p_b - p_a) - p_ab)``; where it bends, less ``e x R_ab' p_ab / 2``, with
     ``e = Log(R_ab' R_a' R_b)``, what the estimate turns further than the measured motion did: the
@@ -180,9 +180,9 @@ def increment(
     """
     root = np.zeros((9, 9))
     root[:3, :3] = np.diag(np.sqrt(rotation_precisions))
-    root[3:6, 3:6] = np.eye(3) / sigma_p
+    root[3:6, 3:6] = np.diag(1.0 / sigma_p)
     if bends:
-        root[3:6, :3] = 0.5 / sigma_p * skew(R_ab.T @ p_a)
+        root[3:6, :3] = 0.5 / sigma_p[:, None] * skew(R_ab.T @ p_a)
     noise = gtsam.noiseModel.Gaussian.SqrtInformation(root, False)
     measured = nav_state(R_ab, p_a, np.zeros(3))
     return gtsam.BetweenFactorNavState(a, b, measured, noise)

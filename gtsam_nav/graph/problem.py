@@ -128,6 +128,8 @@ class Problem:
         Whether the motion between keyframes is a DVL's or odometry's; else the IMU carries all.
     planar : bool
         Whether the vehicle stays upright and at its start's depth because nothing tells otherwise.
+    depth_spread_m : float
+        How deep below its start it may be all the same, where ranges alone tell; else zero.
     factors : list of lists
         ``factors[k]`` are those that keyframe k brings, but for its inertial step's; they refer to
         no later keyframe.
@@ -175,6 +177,7 @@ class Problem:
     has_compass: bool
     measures_velocity: bool = True
     planar: bool = False
+    depth_spread_m: float = 0.0
     factors: list[list[SensorFactor]] = field(init=False)
     readings: list[list[Reading]] = field(init=False)
     variables: list[list[tuple[int, Callable[[StateAt], Any]]]] = field(init=False)

@@ -64,13 +64,13 @@ def step_back(offset: Array, by_offset: Array, residual: Array) -> Array:
     return np.asarray(offset - (turned @ along)[..., 0])
 
 
-def level_sighting(
+def leaning_sighting(
     key: int, landmark: int, states: Pair, slopes: SightingSlopes, residual: Array, sigma: Array
 ) -> Any:
-    """As `sighting`, of a landmark that is level with a body which may tilt, and be anywhere deep.
+    """As `sighting`, where a tilt of the body must not pass for an offset of the landmark.
 
-    The offset along body axes mixes a tilt with the depth between the two, which means nothing; of
-    ranges alone the offset's direction means nothing either.
+    The offset along body axes mixes a tilt with the depth between the two, which means nothing
+    where the landmark is level with the body; of ranges alone its direction means nothing either.
     The native residual is here that of the body in the landmark's frame, along n, where the depth
     is a component of its own; how the body is turned is the rotation's part of it.
 

@@ -19,6 +19,7 @@ from gtsam_nav.graph.doubts import (
     fixes,
     is_georeferenced,
     missing_loops,
+    unaided,
     unmeasured_height,
 )
 from gtsam_nav.graph.exported import pose_graph
@@ -176,6 +177,7 @@ def _warnings(
     yield from solved.cloud_loops.warnings
     yield from solved.unsure
     yield from (warning for offset in clock_offsets for warning in offset.warnings)
+    yield from unaided(ready.mission, problem)
     yield from doubts(problem, settled, converged=refined.converged)
     yield from missing_loops(solved.wants_false, solved.matches)
 

@@ -28,7 +28,8 @@ class FirstFixes:
     Attributes
     ----------
     first : int
-        The first fix that agrees with most of those after it; those before it are outliers.
+        The first fix that agrees with most of those after it; those before it that tell a position
+        are outliers.
     v_n : ndarray, shape (3,)
         Mean velocity over the first fixes, m/s.
     sigma_v : float
@@ -45,7 +46,7 @@ def first_fixes(series: GnssSeries) -> FirstFixes:
     Of two fixes, or where no straight track explains more than half, nothing can be told: the
     first is taken as it is.
     """
-    some = _spaced(series.t)
+    some = spaced(series, WITHIN_S)[:COMPARED]
     t, p_n, sigma = series.t[some], series.p_n[some], series.sigma[some, :2].max(axis=1)
     best, fewest_m = np.zeros(len(some), dtype=bool), np.inf
     for i, j in combinations(range(len(some)), 2):
@@ -71,10 +72,11 @@ def located(series: GnssSeries) -> BoolArray:
     return np.asarray(np.all(series.sigma[:, :2] < USELESS_SIGMA_M, axis=1))
 
 
-def _spaced(t: Array) -> IntArray:
-    """The fixes that are compared."""
+def spaced(series: GnssSeries, within_s: float) -> IntArray:
+    """Fixes that tell a position, from the first such one on, some time apart."""
+    at = np.flatnonzero(located(series))
     chosen: list[int] = []
-    for k, now in enumerate(t[t < t[0] + WITHIN_S].tolist()):
-        if not chosen or now >= t[chosen[-1]] + SPACING_S:
+    for k in at[series.t[at] < series.t[at[:1]] + within_s].tolist():
+        if not chosen or series.t[k] >= series.t[chosen[-1]] + SPACING_S:
             chosen.append(k)
-    return np.array(chosen[:COMPARED], dtype=np.int64)
+    return np.array(chosen, dtype=np.int64)

@@ -7,17 +7,23 @@ a day are seconds of the day, in a log that goes on past midnight.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from gtsam_nav.frames import Array
+from gtsam_nav.mission import Rejection, Sensor
 from gtsam_nav.readers._table import Table
 from gtsam_nav.readers.layout import Field
 
 DAY_S, NEAR_S = 86_400.0, 3600.0
 """A day, and how near midnight the stamps on both sides of it lie."""
+PAST_MIDNIGHT = (
+    "has seconds of the day as stamps, and they pass midnight: those after it are taken for the"
+    " next day's"
+)
 
 
 def mended(table: Table, noise: Any, layout: Sequence[Field]) -> tuple[Table, list[str]]:
@@ -39,13 +45,8 @@ def mended(table: Table, noise: Any, layout: Sequence[Field]) -> tuple[Table, li
             f" ({figures})"
         )
         columns |= {column: np.full(len(columns["t"]), usual[column]) for column in usual}
-    days = days_passed(columns["t"])
-    if np.any(days):
-        said.append(
-            "has seconds of the day as stamps, and they pass midnight: those after it are taken for"
-            " the next day's"
-        )
-        columns["t"] = columns["t"] + DAY_S * days
+    columns["t"], midnight = past_midnight(columns["t"])
+    said += midnight
     return replace(table, columns=columns), said
 
 
@@ -62,6 +63,36 @@ def _usual_sigmas(table: Table, noise: Any, layout: Sequence[Field]) -> dict[str
 def _is_zero(column: Array) -> bool:
     """Whether a column holds zeros and nothing else that is finite."""
     return bool(np.any(column == 0.0) and np.all((column == 0.0) | ~np.isfinite(column)))
+
+
+def past_midnight(t: Array) -> tuple[Array, list[str]]:
+    """Stamps (n,) that go on past midnight, and what is to be said of that."""
+    days = days_passed(t)
+    return (t + DAY_S * days, [PAST_MIDNIGHT]) if np.any(days) else (t, [])
+
+
+def onto_one_day(
+    sensors: dict[str, Sensor], rejections: list[Rejection], passed: AbstractSet[str]
+) -> list[str]:
+    """Move sensors whose log begins after midnight, by a day, and say so.
+
+    Of sensors ``passed`` the stamps go past that midnight, and the others' lie beside them only a
+    day later.
+    """
+    crossing = [sensors[name].series.t for name in passed if name in sensors]
+    said: list[str] = []
+    for name, sensor in sensors.items():
+        t = sensor.series.t
+        early = crossing and t[0] >= 0.0 and t[-1] < min(own[0] for own in crossing)
+        if not early or t[0] + DAY_S > max(own[-1] for own in crossing):
+            continue
+        sensors[name] = replace(sensor, series=sensor.series.shift(DAY_S))
+        rejections[:] = [replace(r, t=r.t + DAY_S * (r.sensor == name)) for r in rejections]
+        said.append(
+            f"sensor '{name}' begins after the midnight that others pass: its stamps, in seconds"
+            " of the day, are taken for the next day's"
+        )
+    return said
 
 
 def days_passed(t: Array) -> Array:

@@ -19,7 +19,7 @@ class Table:
     """The columns of a CSV file that somebody asked for.
 
     ``unknown`` names the others; ``cut_stamp`` is the first field of a last line that is damaged,
-    ``cut_line`` its number.
+    ``cut_line`` its number, and ``archive_cut`` says that the compressed file ends there.
     """
 
     path: Path
@@ -27,6 +27,7 @@ class Table:
     unknown: tuple[str, ...] = ()
     cut_stamp: float | None = None
     cut_line: int | None = None
+    archive_cut: bool = False
 
     def has(self, names: Sequence[str]) -> bool:
         """Whether all of these columns are there."""
@@ -112,7 +113,7 @@ def read_table(
     }
     # a comma at the end of each line makes a column without a name
     unknown = tuple(filter(None, unknown))
-    return Table(path, columns, unknown, rows.cut_stamp, rows.cut_line)
+    return Table(path, columns, unknown, rows.cut_stamp, rows.cut_line, rows.archive_cut)
 
 
 def _hint(names: list[str], missing: str) -> str:

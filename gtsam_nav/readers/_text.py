@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bz2
+import logging
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -17,6 +18,10 @@ from gtsam_nav.frames import Array
 from gtsam_nav.series import BoolArray
 
 TRUNCATED = "truncated line"
+log = logging.getLogger(__name__)
+
+CUT_OFF = b"<archive-cut-off>"
+"""What ends the readable part of an archive that a recorder never closed: no field reads so."""
 
 MAX_BYTES = 1024**3
 """Most that a file may hold once it is decompressed."""
@@ -43,6 +48,8 @@ class Rows:
         leaves it (NaN where even that is missing); None where the file is whole.
     cut_line : int or None
         One-based number of that line in its file.
+    archive_cut : bool
+        Whether it is where a compressed file is cut off.
     begins_cut : bool
         Whether the first line lacks its beginning; its row is then NaN.
     """
@@ -51,6 +58,7 @@ class Rows:
     cut_stamp: float | None = None
     begins_cut: bool = False
     cut_line: int | None = None
+    archive_cut: bool = False
 
     @property
     def first_cut(self) -> dict[str, BoolArray]:
@@ -60,8 +68,14 @@ class Rows:
         return {TRUNCATED: mask}
 
 
-def read_chunks(path: Path) -> Iterator[tuple[bytes, float]]:
+def read_chunks(path: Path, *, whole: bool = True) -> Iterator[tuple[bytes, float]]:
     """The contents of a file piece by piece, decompressed where it is gzipped or bzipped.
+
+    Parameters
+    ----------
+    path : Path
+    whole : bool
+        Refuse an archive that is cut off; else ``CUT_OFF`` stands at the end of what is there.
 
     Yields
     ------
@@ -82,9 +96,9 @@ def read_chunks(path: Path) -> Iterator[tuple[bytes, float]]:
             pieces = chain([first], raw)
             contents: Iterable[bytes] = pieces
             if first.startswith(GZIP_MAGIC):
-                contents = _gunzip(pieces, path)
+                contents = _gunzip(pieces, path, whole)
             elif first.startswith(BZIP2_MAGIC):
-                contents = _bunzip(pieces, path)
+                contents = _bunzip(pieces, path, whole)
             total = 0
             for chunk in contents:
                 total += len(chunk)
@@ -97,7 +111,7 @@ def read_chunks(path: Path) -> Iterator[tuple[bytes, float]]:
         raise DataError(f"cannot be read: {error}", path) from error
 
 
-def _gunzip(pieces: Iterable[bytes], path: Path) -> Iterator[bytes]:
+def _gunzip(pieces: Iterable[bytes], path: Path, whole: bool) -> Iterator[bytes]:
     member = zlib.decompressobj(wbits=31)
     for piece in pieces:
         compressed = piece
@@ -112,10 +126,10 @@ def _gunzip(pieces: Iterable[bytes], path: Path) -> Iterator[bytes]:
                 raise DataError(f"the gzip archive is damaged: {error}", path) from error
             compressed = member.unused_data if member.eof else member.unconsumed_tail
     if not member.eof:
-        raise DataError("the gzip archive is cut off", path)
+        yield _cut_off("gzip", path, whole)
 
 
-def _bunzip(pieces: Iterable[bytes], path: Path) -> Iterator[bytes]:
+def _bunzip(pieces: Iterable[bytes], path: Path, whole: bool) -> Iterator[bytes]:
     member = bz2.BZ2Decompressor()
     for piece in pieces:
         compressed = piece
@@ -128,7 +142,13 @@ def _bunzip(pieces: Iterable[bytes], path: Path) -> Iterator[bytes]:
                 raise DataError(f"the bzip2 archive is damaged: {error}", path) from error
             compressed = member.unused_data if member.eof else b""
     if not member.eof:
-        raise DataError("the bzip2 archive is cut off", path)
+        yield _cut_off("bzip2", path, whole)
+
+
+def _cut_off(kind: str, path: Path, whole: bool) -> bytes:
+    if whole:
+        raise DataError(f"the {kind} archive is cut off", path)
+    return CUT_OFF
 
 
 def read_bytes(path: Path) -> bytes:
@@ -141,7 +161,7 @@ def first_lines(path: Path, count: int) -> list[str]:
     try:
         if not path.is_file():
             return []
-        head = next(iter(read_chunks(path)), (b"", 0.0))[0]
+        head = next(iter(read_chunks(path, whole=False)), (b"", 0.0))[0]
     except (DataError, OSError, ValueError):
         return []
     return list(islice(head.decode("latin-1").splitlines(), count))
@@ -150,15 +170,18 @@ def first_lines(path: Path, count: int) -> list[str]:
 def stream_lines(path: Path) -> Iterator[tuple[str, float]]:
     """Line after line of a text file of any size, with the share of it that has been read.
 
-    Bytes that are no UTF-8 are replaced: what they stand in will not be understood.
+    Bytes that are no UTF-8 are replaced: what they stand in will not be understood. Where an
+    archive is cut off, the line is left out.
     """
     rest = b""
     fraction = 0.0
-    for chunk, fraction in read_chunks(path):
+    for chunk, fraction in read_chunks(path, whole=False):
         *whole, rest = (rest + chunk).split(b"\n")
         for line in whole:
             yield line.decode("utf-8", "replace").rstrip("\r"), fraction
-    if rest:
+    if rest.endswith(CUT_OFF):
+        log.warning("%s: the archive is cut off: it is read as far as it goes", path)
+    elif rest:
         yield rest.decode("utf-8", "replace"), fraction
 
 
@@ -173,7 +196,12 @@ def read_lines(path: Path, encoding: str = "utf-8-sig") -> list[str]:
     DataError
         Where the file cannot be read, or holds what is no text before its end.
     """
-    data = read_bytes(path)
+    data = b"".join(chunk for chunk, _ in read_chunks(path, whole=False))
+    if data.endswith(CUT_OFF):
+        begin = data.rfind(b"\n") + 1
+        if begin == 0:
+            raise DataError("the archive is cut off within its first line", path)
+        data = data[:begin] + CUT_OFF
     try:
         text = data.decode(encoding)
     except UnicodeDecodeError as error:
@@ -348,7 +376,12 @@ def _cut(rows: list[list[float]], texts: Sequence[str], n_fields: int, line: int
         stamp = float(texts[0]) if len(texts) > 1 else np.nan
     except ValueError:
         stamp = np.nan
-    return Rows(np.array(rows).reshape(-1, n_fields), cut_stamp=stamp, cut_line=line)
+    return Rows(
+        np.array(rows).reshape(-1, n_fields),
+        cut_stamp=stamp,
+        cut_line=line,
+        archive_cut=texts == [CUT_OFF.decode()],
+    )
 
 
 def _field_of(words: Mapping[str, float] | None, unread: bool) -> Field:

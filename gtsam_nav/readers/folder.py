@@ -29,7 +29,7 @@ origin the first fix of a file with latitudes is taken, and a warning says so. `
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -46,7 +46,7 @@ from gtsam_nav.preprocess.repeats import without_repeats
 from gtsam_nav.readers._clock import on_mission_time
 from gtsam_nav.readers._edge_table import read_edges
 from gtsam_nav.readers._gnss import OFF_THE_GLOBE, OFF_THE_GLOBE_MENDED, Fixes
-from gtsam_nav.readers._mended_table import mended
+from gtsam_nav.readers._mended_table import PAST_MIDNIGHT, mended, onto_one_day
 from gtsam_nav.readers._mission_yaml import (
     EDGES,
     LANDMARK_MAP,
@@ -125,6 +125,7 @@ def read_described(
         progress("read mission", k / len(described.sensors))
         reading.add(name, entry)
     progress("read mission", 1.0)
+    told = onto_one_day(reading.sensors, reading.rejections, reading.past_midnight)
     mission = Mission(
         name=described.name or folder.resolve().name,
         sensors=reading.sensors,
@@ -135,7 +136,7 @@ def read_described(
         edges=reading.edges,
         constraints=described.constraints.to_constraints(),
         rejections=(*rejections, *reading.rejections),
-        warnings=tuple(reading.warnings),
+        warnings=(*reading.warnings, *told, *reading.unknown_columns()),
         sources=(description, *reading.sources),
     )
     offsets = {rejection.sensor: 0.0 for rejection in rejections}
@@ -156,6 +157,8 @@ class _Reading:
     sources: list[Path] = field(default_factory=list)
     landmark_map: LandmarkMap | None = None
     edges: PoseEdges | None = None
+    past_midnight: set[str] = field(default_factory=set)
+    unread: dict[Path, dict[str, tuple[str, ...]]] = field(default_factory=dict)
 
     def add(self, name: str, entry: SensorEntry) -> None:
         """Read one entry of the mission."""
@@ -197,10 +200,11 @@ class _Reading:
         )
 
     def _series(self, name: str, entry: SensorEntry, path: Path) -> Cleaned:
-        if entry.type == "beams":
-            return read_beams(name, path)
-        if entry.type == "scans":
-            return read_scans(name, path)
+        if entry.type in ("beams", "scans"):
+            read_points = read_beams if entry.type == "beams" else read_scans
+            series, rejections, said = read_points(name, path)
+            self._say(name, path, said)
+            return series, rejections
         if entry.type == "clouds":
             return self._clouds(name, path)
         return self._numbers(name, entry, path)
@@ -211,7 +215,7 @@ class _Reading:
         model = NOISE_MODELS.get(entry.type)
         noise = None if model is None else model.model_validate(entry.noise)
         table, said = mended(table, noise, layout)
-        self.warnings += [f"sensor '{name}': {path.name} {what}" for what in said]
+        self._say(name, path, said)
         if table.has(GEODETIC_COLUMNS):
             series, rejections = self._geodetic(name, table, noise, layout)
             return series, rejections + table.cut(name)
@@ -266,13 +270,26 @@ class _Reading:
         if layout is LAYOUTS["landmarks"] and not table.columns.keys() & {"range_m", "bearing_deg"}:
             raise DataError("column 'range_m' or 'bearing_deg' is needed, or both", path, 1)
         if table.cut_line is not None:
-            self.warnings.append(
-                f"sensor '{name}': {path.name}:{table.cut_line}: the last line is damaged: left out"
-            )
-        if table.unknown:
-            unknown = ", ".join(table.unknown)
-            self.warnings.append(f"sensor '{name}': {path.name} has unknown columns: {unknown}")
+            where = f"sensor '{name}': {path.name}:{table.cut_line}"
+            cut = ", and the archive is cut off there" * table.archive_cut
+            self.warnings.append(f"{where}: the last line is damaged: left out{cut}")
+        self.unread.setdefault(path, {})[name] = table.unknown
         return table
+
+    def _say(self, name: str, path: Path, said: Sequence[str]) -> None:
+        self.warnings += [f"sensor '{name}': {path.name} {what}" for what in said]
+        if PAST_MIDNIGHT in said:
+            self.past_midnight.add(name)
+
+    def unknown_columns(self) -> Iterator[str]:
+        """What is said of columns that no sensor takes."""
+        for path, by_sensor in self.unread.items():
+            lists = list(by_sensor.values())
+            unknown = [c for c in lists[0] if all(c in others for others in lists[1:])]
+            if unknown:
+                names = ", ".join(f"'{name}'" for name in by_sensor)
+                sensors = f"sensor{'s' * (len(lists) > 1)} {names}"
+                yield f"{sensors}: {path.name} has unknown columns: {', '.join(unknown)}"
 
     def _clouds(self, name: str, path: Path) -> Cleaned:
         stamps, names, cut_stamp = read_named_files(path)

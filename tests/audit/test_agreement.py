@@ -143,3 +143,13 @@ def test_a_silence_is_not_compared() -> None:
 def test_the_integral_is_by_the_trapezoidal_rule() -> None:
     found = integrated(np.array([0.0, 1.0, 3.0]), np.array([0.0, 2.0, 0.0]))
     assert found.values.tolist() == [0.0, 1.0, 3.0]
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_noise_on_slow_motion_is_no_lag(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, 400.0, 0.2)
+    rate, noise = 0.03 * np.cos(t / 30.0), rng.normal(size=len(t))
+    compass = Signal(t[::2], (0.9 * np.sin(t / 30.0) + 0.017 * noise)[::2])
+    found = agreement(compass, integrated(t, rate + 0.01 * rng.normal(size=len(t))))
+    assert found is None or found.is_no_fault

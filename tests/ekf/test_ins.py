@@ -155,6 +155,7 @@ def test_a_first_fix_that_is_an_outlier_does_not_mislead() -> None:
     p_n[0] += SHIFT_N
     solution = estimate(edited(laps(), "gnss", p_n=p_n))
     assert error_m(solution, laps()).max() < 5.0
+    assert any("jumps by" in warning for warning in solution.warnings)
     first = solution.rejections[0]
     assert (first.sensor, first.index, first.reason) == ("gnss", 0, "first fix off the next")
 
@@ -166,6 +167,7 @@ def test_a_filter_that_is_lost_finds_back() -> None:
     solution = estimate(edited(laps(), "gnss", p_n=p_n))
     away = float(np.linalg.norm(SHIFT_N))
     assert error_m(solution, laps(), 60.0, 70.0).max() < 10.0
+    assert any("follows them since" in warning for warning in solution.warnings)
     back = error_m(solution, laps(), 80.0)
     np.testing.assert_allclose(back, away, atol=5.0)
     rejected = [r for r in solution.rejections if r.sensor == "gnss"]
@@ -237,6 +239,14 @@ def test_without_a_compass_the_motion_shows_the_heading() -> None:
     assert sigma_rpy is not None
     assert np.degrees(sigma_rpy[10, 2]) > 60.0  # any, at first
     assert solution.georeferenced
+
+
+def test_the_smoother_is_better_than_a_filter_that_had_to_find_its_heading() -> None:
+    mission = laps(12).without("heading")
+    filtered, smoothed = estimate(mission), estimate(mission, "ins_ekf.smooth=true")
+    assert rms(error_m(smoothed, mission)) < 0.8 * rms(error_m(filtered, mission))
+    assert smoothed.online is not None
+    assert np.array_equal(smoothed.online.p_n, filtered.trajectory.p_n)
 
 
 def test_readings_of_no_noise_do_no_harm() -> None:
@@ -400,6 +410,7 @@ def test_an_imu_and_a_stated_start_are_pure_inertial_navigation() -> None:
     solution = estimate(mission)
     assert set(solution.innovations) == {"zero velocity", "zero rate"}  # its start at rest
     assert solution.georeferenced
+    assert any("drifts freely" in warning for warning in solution.warnings)
     truth = truth_of(mission)
     found = solution.trajectory.interpolate(truth.t[:-1])
     # the boat sinks slowly while it seems to rest, and nothing tells it so
@@ -602,3 +613,12 @@ def test_an_imu_without_a_sample_is_said_to_have_none() -> None:
     silent = mission.with_sensor(replace(imu, series=imu.series.crop(100.0, 101.0)))
     with pytest.raises(DataError, match=r"gnss, heading, imu \(without samples\)"):
         gn.estimate(silent, "ins-ekf")
+
+
+@pytest.mark.parametrize("n", [5, 20])
+def test_a_receiver_that_begins_at_a_false_place_does_not_mislead(n: int) -> None:
+    p_n = fixes_of(laps()).p_n.copy()
+    p_n[:n] += SHIFT_N
+    solution = estimate(edited(laps(), "gnss", p_n=p_n))
+    assert error_m(solution, laps()).max() < 5.0
+    assert fixes_of(laps()).t[n - 1] in solution.innovations["gnss velocity"].t

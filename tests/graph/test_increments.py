@@ -32,7 +32,7 @@ def residual(measured: tuple[Array, Array], true: tuple[Array, Array]) -> Array:
     """Translation's, m, where the estimate is right."""
     import gtsam
 
-    factor = factors.increment(X(0), X(1), *measured, np.zeros(3), SIGMA_M, bends=True)
+    factor = factors.increment(X(0), X(1), *measured, np.zeros(3), np.full(3, SIGMA_M), bends=True)
     values = gtsam.Values()
     R_na, p_n = rotation_from_rpy(np.array([0.1, -0.05, 2.0])), np.array([3.0, -1.0, 2.0])
     factors.insert(values, X(0), factors.nav_state(R_na, p_n, np.zeros(3)))

@@ -168,6 +168,7 @@ def test_an_imu_and_a_stated_start_are_enough(mission: Mission) -> None:
     sigma = solution.trajectory.sigma_p_n
     assert sigma is not None
     assert sigma[-1, 0] > sigma[0, 0]
+    assert any("drifts freely" in warning for warning in solution.warnings)
     assert np.all(np.abs(position[-1, :2]) < 4 * sigma[-1, :2] + 0.5)
 
 

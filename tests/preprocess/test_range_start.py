@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rovers import rover, truth
+from rovers import LANDMARKS_N, rover, truth
 
 import gtsam_nav as gn
 from gtsam_nav.frames import Array, rotation_from_rpy, wrap_angle
-from gtsam_nav.mission import LandmarkMap, Mission, Sensor
+from gtsam_nav.mission import Constraints, LandmarkMap, Mission, Sensor
 from gtsam_nav.preprocess.alignment import Alignment
 from gtsam_nav.preprocess.landmark_start import landmark_start
 from gtsam_nav.preprocess.planar_motion import planar_motion
@@ -133,6 +133,31 @@ def test_slant_ranges_from_below_are_level_ones_by_the_depth() -> None:
     found = start_of(mission.with_sensor(Sensor("depth", "depth", depth)))
     assert found is not None
     np.testing.assert_allclose(found.p_n, [2.0, -1.0, 10.0], atol=0.5)
+
+
+@pytest.mark.parametrize("method", ["graph", "landmark-ekf"])
+def test_a_depth_that_nothing_measures_is_said(method: str) -> None:
+    mission = rover(seed=3).crop(0.0, 10.0)
+    deep_n = np.column_stack([LANDMARKS_N, np.full(len(LANDMARKS_N), 5.0)])
+    known = LandmarkMap(np.arange(len(deep_n)), deep_n, np.full(len(deep_n), 0.1))
+    for level in (False, True):
+        stays = replace(mission, landmark_map=known, constraints=Constraints(constant_depth=level))
+        said = gn.estimate(stays, method).warnings
+        assert any("constant_depth" in warning for warning in said) is not level
+
+
+def test_ranges_to_deeper_beacons_tell_the_depth() -> None:
+    mission = ranged(4, BEACONS_N + np.array([0.0, 0.0, 20.0]), depth_m=8.0)
+    solution = gn.estimate(mission, "graph")
+    path = solution.trajectory
+    assert path.cov_pose_n is not None
+    sigma_m = np.sqrt(path.cov_pose_n[:, 2, 2])
+    assert np.all(np.abs(path.p_n[:, 2] - 8.0) < 3.0 * sigma_m)
+    assert np.all(sigma_m < 1.0)
+    score = gn.evaluate(solution, mission.reference)
+    assert score.ate.none.rmse < 0.3
+    assert score.nees is not None
+    assert score.nees.mean < 4.0
 
 
 def test_ranges_without_ids_tell_nothing() -> None:

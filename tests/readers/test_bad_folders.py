@@ -15,6 +15,7 @@ from missions import DEPTH_CSV, every_sensor_mission, make_folder, one_sensor_fo
 
 from gtsam_nav.errors import DataError, GtsamNavError
 from gtsam_nav.readers import _text, open_mission
+from gtsam_nav.series import DepthSeries
 from gtsam_nav.writers.mission_folder import write_mission
 
 
@@ -44,7 +45,10 @@ def depth_folder(folder: Path, text: str | bytes) -> Path:
         ("t,depth_m\n0,1\nx,2\n1,1\n", "x.csv:3: t is 'x', not a number"),
         (b"t,depth_m\n\xff\xfe,1\n1,1\n", "x.csv:2: is not utf-8 text"),
         (b"t,\tdepth_m\n0,1\n1,\xb01\n2,\t1\n3,\t1\n", "x.csv:3: is not utf-8 text"),
-        (gzip.compress(DEPTH_CSV.encode(), mtime=0)[:-12], "the gzip archive is cut off"),
+        (
+            gzip.compress(DEPTH_CSV.encode(), mtime=0)[:12],
+            "the archive is cut off within",
+        ),
         (b"\x1f\x8bnot gzip at all", "the gzip archive is damaged"),
     ],
 )
@@ -55,6 +59,17 @@ def test_a_malformed_file_is_an_error_that_names_it(
         open_mission(depth_folder(tmp_path, text))
     assert message in str(caught.value)
     assert "x.csv" in str(caught.value)
+
+
+def test_an_archive_that_is_cut_off_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
+    rows = [f"{0.1 * k:.1f},{np.random.default_rng(k).uniform():.6f}" for k in range(5000)]
+    packed = gzip.compress("\n".join(["t,depth_m", *rows, ""]).encode())
+    mission = open_mission(depth_folder(tmp_path, packed[: len(packed) // 2]))
+    depth = mission.sensors["x"].series
+    assert isinstance(depth, DepthSeries)
+    assert 1000 < len(depth) < 4000
+    assert depth.depth_m.tolist() == [float(row.split(",")[1]) for row in rows[: len(depth)]]
+    assert any("the archive is cut off there" in warning for warning in mission.warnings)
 
 
 def test_garbage_at_the_end_costs_no_good_line_behind_a_byte_order_mark(tmp_path: Path) -> None:

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from samples import BY_CARD, SAMPLES, SUBJECTS
 
-from gtsam_nav.errors import DataError
 from gtsam_nav.mission import Mission
 from gtsam_nav.readers import Reader, open_mission, readers
 from gtsam_nav.writers.mission_folder import write_mission
@@ -77,11 +76,14 @@ def test_a_sample_becomes_a_mission_folder_that_reads_back_equal(name: str, tmp_
     ("name", "file"),
     [("NMEA 0183 log", "log.nmea"), ("Water Linked JSON", "dvl.txt"), ("CARMEN log", "log.clf")],
 )
-def test_gzipped_text_is_the_same(name: str, file: str, tmp_path: Path) -> None:
+def test_gzipped_text_is_the_same(
+    name: str, file: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     path = SAMPLES[name](tmp_path)
     packed = tmp_path / f"{file}.gz"
     packed.write_bytes(gzip.compress(path.read_bytes()))
     same(open_mission(path), open_mission(packed))
     packed.write_bytes(packed.read_bytes()[:-9])
-    with pytest.raises(DataError, match="gzip archive is cut off"):
-        of(name).read(packed)
+    cut = of(name).read(packed)
+    assert sum(len(sensor.series) for sensor in cut.sensors.values()) > 0
+    assert f"{packed.name}: the archive is cut off" in caplog.text

@@ -72,6 +72,16 @@ def test_columns_come_in_any_order_and_unknown_ones_are_named(tmp_path: Path) ->
     assert any("unknown columns: comment" in w for w in mission.warnings)
 
 
+def test_columns_that_another_sensor_takes_are_not_unknown(tmp_path: Path) -> None:
+    rows = [f"{k},0.3,{k},fine" for k in TEN]
+    (tmp_path / "log.csv").write_text("\n".join(["t,depth_m,yaw,comment", *rows]), encoding="utf-8")
+    entries = ["depth: {file: log.csv}", "heading: {file: log.csv, columns: {heading_deg: yaw}}"]
+    described = "\n  ".join(["name: x\nsensors:", *entries])
+    (tmp_path / "mission.yaml").write_text(described, encoding="utf-8")
+    (said,) = (w for w in open_mission(tmp_path).warnings if "unknown columns" in w)
+    assert said == "sensors 'depth', 'heading': log.csv has unknown columns: comment"
+
+
 def test_files_that_the_description_has_lost_are_named(tmp_path: Path) -> None:
     folder = one_sensor_folder(tmp_path, "depth", DEPTH_CSV)
     assert not any("does not name" in w for w in open_mission(folder).warnings)

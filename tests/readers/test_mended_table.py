@@ -28,6 +28,27 @@ def test_seconds_of_the_day_go_on_past_midnight(tmp_path: Path) -> None:
     assert "sensor 'a': a.csv has seconds of the day" in warning
 
 
+def test_sensors_on_either_side_of_midnight_are_of_one_night(tmp_path: Path) -> None:
+    t = np.arange(0.0, 120.0)
+    night = (86_340.0 + t) % 86_400.0
+    rows = [f"{night[k]:.1f},1.0,0.1" for k in range(len(t))]
+    for name, chosen in (("x", rows), ("late", rows[80:])):
+        text = "\n".join(["t,depth_m,sigma", *chosen])
+        (tmp_path / f"{name}.csv").write_text(text, encoding="utf-8")
+    beams = np.zeros((len(t), 4), dtype=np.uint8)
+    np.savez(tmp_path / "beams.npz", t=night, angle=0.1 * t, intensity=beams, resolution_m=0.1)
+    (tmp_path / "mission.yaml").write_text(
+        "sensors: {x: {type: depth, file: x.csv}, late: {type: depth, file: late.csv},"
+        " beams: {file: beams.npz}}",
+        encoding="utf-8",
+    )
+    mission = open_mission(tmp_path)
+    begins = {name: float(s.series.t[0]) for name, s in mission.sensors.items()}
+    assert begins == {"x": 0.0, "late": 80.0, "beams": 0.0}
+    assert [len(s.series) for s in mission.sensors.values()] == [120, 40, 120]
+    assert sum("midnight" in warning for warning in mission.warnings) == 3
+
+
 def test_two_midnights_and_missing_stamps() -> None:
     t = np.arange(86_000.0, 86_000.0 + 2 * DAY_S, 100.0)
     read = t % DAY_S

@@ -10,6 +10,7 @@ from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.problem import ConstantError, Problem
 from gtsam_nav.mission import Mission, Sensor
+from gtsam_nav.preprocess.depth_by_ranges import said_of_depth
 from gtsam_nav.preprocess.edge_motion import edges_in_space
 from gtsam_nav.preprocess.rest import SPELL_S, Rest, Spells, initial_rest
 from gtsam_nav.preprocess.stated_rest import stated_rests
@@ -36,6 +37,7 @@ def rolls(mission: Mission, config: Config) -> bool:
 
 def add(problem: Problem, mission: Mission, config: Config) -> None:
     """The constraints that the mission or the configuration states, and a start at rest."""
+    problem.warnings += said_of_depth(mission, config.landmarks.use_map, estimated=True)
     if problem.planar:
         _add_plane(problem, config)
     if not problem.uses_imu:
@@ -111,9 +113,10 @@ def _add_steadiness(problem: Problem, rest: Rest) -> None:
 
 
 def _add_plane(problem: Problem, config: Config) -> None:
-    """Upright, at the depth of the start."""
+    """Upright, and at the depth of the start unless ranges tell another."""
     for k, depth_m in enumerate(problem.p_n[:, 2].tolist()):
-        upright = factors.tilt(X(k), np.zeros(3), PIN_RAD)
-        level = factors.depth(X(k), depth_m, np.zeros(3), PIN_M)
-        for pin in (upright, level):
+        pins = [factors.tilt(X(k), np.zeros(3), PIN_RAD)]
+        if not problem.depth_spread_m:
+            pins.append(factors.depth(X(k), depth_m, np.zeros(3), PIN_M))
+        for pin in pins:
             problem.add(k, NAME, pin, config.graph.robust.constraints)

@@ -163,7 +163,7 @@ class SightingFactors:
         slopes = SightingSlopes(at.by_offset[i][rows], by_turn[rows])
         residual, sigma = at.residual[i][rows], sigma[rows]
         if own.scale_key is None:
-            return sighting_factors.level_sighting(
+            return sighting_factors.leaning_sighting(
                 X(own.k), own.key, states[:2], slopes, residual, sigma
             )
         keys = (X(own.k), own.key, own.scale_key)

@@ -41,6 +41,8 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
         sigma_p[:] = VAGUE_M
     if mission.first("depth") is not None:
         sigma_p[2] = VAGUE_M
+    if problem.depth_spread_m and mission.initial.p_n is None:
+        sigma_p[2] = problem.depth_spread_m
     sigma_v = _speed_sigma(problem, mission, config)
     state = problem.initial_state(0)
     if mission.initial.heading is not None:  # the motion may begin with a compass's reading

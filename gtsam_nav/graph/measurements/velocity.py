@@ -11,6 +11,7 @@ from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.measurements.edges import joined, left_open
 from gtsam_nav.graph.problem import ConstantError, Displacement, Problem
 from gtsam_nav.mission import Mission
+from gtsam_nav.preprocess.depth_by_ranges import DIVE_M_SQRT_S
 from gtsam_nav.preprocess.edge_motion import moves_by_edges
 from gtsam_nav.sensors.dvl import water_spells
 from gtsam_nav.sensors.noise import DvlNoise
@@ -80,7 +81,9 @@ def _add_increments(
     """
     motion = problem.motion
     variance = motion.displacement_variance(problem.t[:-1], problem.t[1:])
-    sigma_p = np.sqrt(variance + moved_m**2).tolist()
+    sigma_p = np.tile(np.sqrt(variance + moved_m**2)[:, None], 3)
+    if problem.depth_spread_m:
+        sigma_p[:, 2] = np.hypot(sigma_p[:, 2], DIVE_M_SQRT_S * np.sqrt(np.diff(problem.t)))
     rotation = np.zeros((len(variance), 3))
     if yaw_by_motion:
         rotation[:, 2] = 1.0 / (motion.yaw_variance_rad2_s * np.diff(problem.t))
