@@ -6,7 +6,7 @@ the gyro. Nothing is smoothed: what it says of a time rests on what was measured
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.settings import MotionSettings
-from gtsam_nav.sensors.dvl import body_velocities
+from gtsam_nav.sensors.dvl import body_velocities, water_spells
 from gtsam_nav.sensors.noise import DvlNoise, HeadingNoise, ImuNoise, OdometryNoise
 from gtsam_nav.sensors.orientation import headings_true
 from gtsam_nav.sensors.rates import angular_rate_b, mean_gyro_bias_b
@@ -95,12 +95,27 @@ class PlanarMotion:
 
 @dataclass(frozen=True)
 class Speeds:
-    """Forward and starboard speeds (n, 2), m/s, their sigmas (n,), and their scale's."""
+    """What measures the speed.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+    v_b : ndarray, shape (n, 2)
+        Forward and to starboard, m/s.
+    sigma : ndarray, shape (n,)
+        Of their white noise.
+    scale_sigma : float
+        Of their scale's constant error, as a share.
+    current_sigma : float
+        Of the water's motion, m/s, that they miss in the ``water_spells``, shape (k, 2).
+    """
 
     t: Array
     v_b: Array
     sigma: Array
     scale_sigma: float
+    current_sigma: float = 0.0
+    water_spells: Array = field(default_factory=lambda: np.empty((0, 2)))
 
 
 def planar_motion(
@@ -108,9 +123,9 @@ def planar_motion(
 ) -> PlanarMotion | None:
     """Dead-reckon a mission in the plane; None where nothing measures its speed.
 
-    The readings' errors are white at their usual rate. Between two readings the speed walks as
-    ``settings`` say, by ``q L^3 / 12`` over a step of L; with ``readings_suffice`` only over what
-    exceeds the usual step.
+    The readings' errors are white. Between two readings the speed walks as ``settings`` say, by
+    ``q L^3 / 12`` over a step of L; with ``readings_suffice`` only over what exceeds the usual
+    step. While only the water is tracked, its motion is one velocity.
 
     Raises
     ------
@@ -129,7 +144,8 @@ def planar_motion(
     walk = (
         _walk(sigma_v, dt) + settings.sigma_accel_m_s2**2 * _silence(dt, readings_suffice) ** 3 / 12
     )
-    variance = np.column_stack([_summed(walk), _summed(walk), course_variance])
+    moved = _summed(walk) + _current(readings, t)
+    variance = np.column_stack([moved, moved, course_variance])
     return PlanarMotion(
         t,
         _summed(steps),
@@ -143,8 +159,19 @@ def planar_motion(
 
 
 def _walk(sigma: Array, dt: Array) -> Array:
-    """Variance that white noise adds up to in each step."""
-    return np.asarray(sigma[:-1] ** 2 * np.median(dt) * dt)
+    """Variance that white noise adds up to in each step.
+
+    A reading tells of half of the step on either side: that of a long silence's ends counts long.
+    """
+    told_s = 0.5 * (np.append(0.0, dt) + np.append(dt, 0.0))
+    density = sigma**2 * told_s
+    return np.asarray(0.5 * (density[1:] + density[:-1]) * dt)
+
+
+def _current(readings: Speeds, t: Array) -> Array:
+    """Variance that the water's motion has added by times (n,): one velocity all along a spell."""
+    tracked_s = [np.clip(t, first, last) - first for first, last in readings.water_spells]
+    return np.asarray(readings.current_sigma**2 * np.square(tracked_s).sum(axis=0))
 
 
 def _silence(dt: Array, readings_suffice: bool) -> Array:
@@ -176,8 +203,12 @@ def _speeds(mission: Mission, settings: MotionSettings) -> Speeds | None:
         omega_b = angular_rate_b(mission, dvl.series.t) - mean_gyro_bias_b(mission)
         found = body_velocities(dvl, omega_b, settings.water_lock_after_s)
         if len(found):
-            scale_sigma = DvlNoise.model_validate(dvl.noise).scale_sigma
-            return Speeds(found.t, found.v_b[:, :2], found.sigma, scale_sigma)
+            noise = DvlNoise.model_validate(dvl.noise)
+            spells = water_spells([dvl], settings.water_lock_after_s)
+            v_b = found.v_b[:, :2]
+            return Speeds(
+                found.t, v_b, found.sigma, noise.scale_sigma, noise.water_sigma_m_s, spells
+            )
     odometry = mission.first("odometry")
     if odometry is None:
         return None

@@ -71,6 +71,42 @@ def test_a_silence_costs_certainty() -> None:
     assert np.all(bridged > 10 * motion_of(mission).increments(span).variance[0])
 
 
+def test_a_silence_counts_the_noise_of_its_ends_as_the_sum_over_readings_does() -> None:
+    mission = rover(duration_s=20.0)
+    series = odometry_of(mission)
+    silent = series.select((series.t < 8.0) | (series.t > 12.0))
+    mission = mission.with_sensor(replace(mission.sensors["odometry"], series=silent))
+    calm = MotionSettings(sigma_accel_m_s2=1e-9, sigma_yaw_accel_rad_s2=1e-9)
+    motion = planar_motion(mission, calm)
+    assert motion is not None
+    weights = np.trapezoid(np.eye(len(silent)), silent.t, axis=1)
+    expected = [np.sum(np.square(weights * s)) for s in (SIGMA_V_M_S, SIGMA_YAW_RATE_RAD_S)]
+    at_last_reading = motion.at(silent.t[-1:])[2][0, 1:]
+    np.testing.assert_allclose(at_last_reading, expected, rtol=1e-3)
+
+
+def test_a_current_moves_the_vehicle_all_along_a_spell_of_water_lock() -> None:
+    """One velocity, not noise that averages out: the sigma of the way grows with the time."""
+    t = np.arange(0.0, 60.0, 0.2)
+    n = len(t)
+    dvl = DvlSeries(
+        t=t,
+        v_d=np.tile([0.5, 0.0, 0.0], (n, 1)),
+        sigma=np.full(n, 1e-3),
+        valid=np.ones(n, dtype=bool),
+        bottom_lock=(t < 20.0) | (t > 50.0),
+    )
+    heading = HeadingSeries(t=t, heading=np.zeros(n), sigma=np.full(n, 0.01))
+    noise = {"water_sigma_m_s": 0.1}
+    sensors = (Sensor("dvl", "dvl", dvl, noise=noise), Sensor("heading", "heading", heading))
+    mission = Mission("boat", {sensor.name: sensor for sensor in sensors})
+    before, half, whole, after = np.sqrt(motion_of(mission).at(np.array([19, 35, 50, 59]))[2][:, 0])
+    assert before < 0.05
+    assert half == pytest.approx(0.1 * 15.0, rel=0.05)
+    assert whole == pytest.approx(0.1 * 30.0, rel=0.05)
+    assert after == pytest.approx(whole, rel=0.01)
+
+
 def test_a_compass_is_the_course() -> None:
     mission = rover(duration_s=20.0)
     t, _, course, _ = truth(20.0)
