@@ -106,6 +106,9 @@ class Speeds:
         Of their white noise.
     scale_sigma : float
         Of their scale's constant error, as a share.
+    by_pings : bool
+        Whether each has an error of its own, which counts for as long as it tells the speed. That
+        of wheels or thrusters comes with the motion, however often it is told.
     current_sigma : float
         Of the water's motion, m/s, that they miss in the ``water_spells``, shape (k, 2).
     """
@@ -114,6 +117,7 @@ class Speeds:
     v_b: Array
     sigma: Array
     scale_sigma: float
+    by_pings: bool = False
     current_sigma: float = 0.0
     water_spells: Array = field(default_factory=lambda: np.empty((0, 2)))
 
@@ -123,9 +127,10 @@ def planar_motion(
 ) -> PlanarMotion | None:
     """Dead-reckon a mission in the plane; None where nothing measures its speed.
 
-    The readings' errors are white. Between two readings the speed walks as ``settings`` say, by
-    ``q L^3 / 12`` over a step of L; with ``readings_suffice`` only over what exceeds the usual
-    step. While only the water is tracked, its motion is one velocity.
+    The readings' errors are white; where wheels or a gyro are silent, with the density of their
+    usual rate. Between two readings the speed walks as ``settings`` say, by ``q L^3 / 12`` over a
+    step of L; with ``readings_suffice`` only over what exceeds the usual step. While only the water
+    is tracked, its motion is one velocity.
 
     Raises
     ------
@@ -141,8 +146,9 @@ def planar_motion(
     c, s, dt = np.cos(course), np.sin(course), np.diff(t)
     v = np.column_stack([c * v_b[:, 0] - s * v_b[:, 1], s * v_b[:, 0] + c * v_b[:, 1]])
     steps = 0.5 * (v[1:] + v[:-1]) * dt[:, None]
+    density = sigma_v**2 * (_told_s(dt) if readings.by_pings else np.median(dt))
     walk = (
-        _walk(sigma_v, dt) + settings.sigma_accel_m_s2**2 * _silence(dt, readings_suffice) ** 3 / 12
+        _walk(density, dt) + settings.sigma_accel_m_s2**2 * _silence(dt, readings_suffice) ** 3 / 12
     )
     moved = _summed(walk) + _current(readings, t)
     variance = np.column_stack([moved, moved, course_variance])
@@ -158,14 +164,14 @@ def planar_motion(
     )
 
 
-def _walk(sigma: Array, dt: Array) -> Array:
-    """Variance that white noise adds up to in each step.
-
-    A reading tells of half of the step on either side: that of a long silence's ends counts long.
-    """
-    told_s = 0.5 * (np.append(0.0, dt) + np.append(dt, 0.0))
-    density = sigma**2 * told_s
+def _walk(density: Array, dt: Array) -> Array:
+    """Variance that white noise adds up to in each step."""
     return np.asarray(0.5 * (density[1:] + density[:-1]) * dt)
+
+
+def _told_s(dt: Array) -> Array:
+    """For how long each reading tells the speed: half of the step on either side."""
+    return np.asarray(0.5 * (np.append(0.0, dt) + np.append(dt, 0.0)))
 
 
 def _current(readings: Speeds, t: Array) -> Array:
@@ -206,9 +212,8 @@ def _speeds(mission: Mission, settings: MotionSettings) -> Speeds | None:
             noise = DvlNoise.model_validate(dvl.noise)
             spells = water_spells([dvl], settings.water_lock_after_s)
             v_b = found.v_b[:, :2]
-            return Speeds(
-                found.t, v_b, found.sigma, noise.scale_sigma, noise.water_sigma_m_s, spells
-            )
+            scale, current = noise.scale_sigma, noise.water_sigma_m_s
+            return Speeds(found.t, v_b, found.sigma, scale, True, current, spells)
     odometry = mission.first("odometry")
     if odometry is None:
         return None
@@ -245,7 +250,7 @@ def _course(
     dt = np.diff(t_rate)
     turned = _summed(0.5 * (rate[1:, 0] + rate[:-1, 0]) * dt)
     walk = (
-        _walk(sigma, dt)
+        _walk(sigma**2 * np.median(dt), dt)
         + settings.sigma_yaw_accel_rad_s2**2 * _silence(dt, readings_suffice) ** 3 / 12
     )
     return np.interp(t, t_rate, turned), np.interp(t, t_rate, _summed(walk)), False
