@@ -18,7 +18,7 @@ from gtsam_nav.sensors.dvl import body_velocities, water_spells
 from gtsam_nav.sensors.noise import DvlNoise, HeadingNoise, ImuNoise, OdometryNoise
 from gtsam_nav.sensors.orientation import headings_true
 from gtsam_nav.sensors.rates import angular_rate_b, mean_gyro_bias_b
-from gtsam_nav.series import ImuSeries, OdometrySeries
+from gtsam_nav.series import HeadingSeries, ImuSeries, OdometrySeries
 
 
 @dataclass(frozen=True)
@@ -61,6 +61,8 @@ class PlanarMotion:
         Spread of the constant error of the turns, rad a metre.
     disturbance_sigma, disturbance_time_s : float
         Of the compass's Gauss-Markov error, whose walk ``variance`` holds; zero without a compass.
+    bias_sigma, white_sigma : float
+        Of the compass's constant error, and of the noise that each ``course`` has of it, rad.
     """
 
     t: Array
@@ -72,6 +74,8 @@ class PlanarMotion:
     curvature_sigma: float
     disturbance_sigma: float = 0.0
     disturbance_time_s: float = 1.0
+    bias_sigma: float = 0.0
+    white_sigma: float = 0.0
 
     def increments(self, t: Array) -> Increments:
         """Motion between successive times of ``t``, shape (k + 1,), rising."""
@@ -160,7 +164,7 @@ def planar_motion(
         is_heading,
         readings.scale_sigma,
         0.0 if is_heading else _curvature_sigma(mission),
-        *(_disturbance(mission) if is_heading else ()),
+        *(_compass_errors(mission) if is_heading else ()),
     )
 
 
@@ -241,7 +245,7 @@ def _course(
     """
     headings = headings_true(mission)
     if headings is not None and len(headings) > 1:
-        disturbance, time_s = _disturbance(mission)
+        disturbance, time_s, _, _ = _compass_errors(mission)
         density = 2 * disturbance**2 / time_s
         course = np.interp(t, headings.t, np.unwrap(headings.heading))
         return course, density * (t - t[0]), True
@@ -256,12 +260,15 @@ def _course(
     return np.interp(t, t_rate, turned), np.interp(t, t_rate, _summed(walk)), False
 
 
-def _disturbance(mission: Mission) -> tuple[float, float]:
-    """Spread (rad) and correlation time (s) of the compass's slow error."""
+def _compass_errors(mission: Mission) -> tuple[float, float, float, float]:
+    """Spread (rad) and correlation time (s) of the compass's slow error, spread of its constant
+    one and of its noise."""
     compass = mission.first("heading")
     assert compass is not None
+    assert isinstance(compass.series, HeadingSeries)
     noise = HeadingNoise.model_validate(compass.noise)
-    return float(np.radians(noise.disturbance_sigma_deg)), noise.disturbance_time_s
+    slow, constant = np.radians([noise.disturbance_sigma_deg, noise.bias_sigma_deg]).tolist()
+    return slow, noise.disturbance_time_s, constant, float(np.median(compass.series.sigma))
 
 
 def _yaw_rates(mission: Mission) -> tuple[Array, Array, Array]:
