@@ -6,7 +6,7 @@ the gyro. Nothing is smoothed: what it says of a time rests on what was measured
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -14,11 +14,11 @@ from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.settings import MotionSettings
-from gtsam_nav.sensors.dvl import body_velocities
+from gtsam_nav.sensors.dvl import body_velocities, water_spells
 from gtsam_nav.sensors.noise import DvlNoise, HeadingNoise, ImuNoise, OdometryNoise
 from gtsam_nav.sensors.orientation import headings_true
 from gtsam_nav.sensors.rates import angular_rate_b, mean_gyro_bias_b
-from gtsam_nav.series import ImuSeries, OdometrySeries
+from gtsam_nav.series import HeadingSeries, ImuSeries, OdometrySeries
 
 
 @dataclass(frozen=True)
@@ -61,6 +61,8 @@ class PlanarMotion:
         Spread of the constant error of the turns, rad a metre.
     disturbance_sigma, disturbance_time_s : float
         Of the compass's Gauss-Markov error, whose walk ``variance`` holds; zero without a compass.
+    bias_sigma, white_sigma : float
+        Of the compass's constant error, and of the noise that each ``course`` has of it, rad.
     """
 
     t: Array
@@ -72,6 +74,8 @@ class PlanarMotion:
     curvature_sigma: float
     disturbance_sigma: float = 0.0
     disturbance_time_s: float = 1.0
+    bias_sigma: float = 0.0
+    white_sigma: float = 0.0
 
     def increments(self, t: Array) -> Increments:
         """Motion between successive times of ``t``, shape (k + 1,), rising."""
@@ -95,12 +99,31 @@ class PlanarMotion:
 
 @dataclass(frozen=True)
 class Speeds:
-    """Forward and starboard speeds (n, 2), m/s, their sigmas (n,), and their scale's."""
+    """What measures the speed.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+    v_b : ndarray, shape (n, 2)
+        Forward and to starboard, m/s.
+    sigma : ndarray, shape (n,)
+        Of their white noise.
+    scale_sigma : float
+        Of their scale's constant error, as a share.
+    by_pings : bool
+        Whether each has an error of its own, which counts for as long as it tells the speed. That
+        of wheels or thrusters comes with the motion, however often it is told.
+    current_sigma : float
+        Of the water's motion, m/s, that they miss in the ``water_spells``, shape (k, 2).
+    """
 
     t: Array
     v_b: Array
     sigma: Array
     scale_sigma: float
+    by_pings: bool = False
+    current_sigma: float = 0.0
+    water_spells: Array = field(default_factory=lambda: np.empty((0, 2)))
 
 
 def planar_motion(
@@ -108,9 +131,10 @@ def planar_motion(
 ) -> PlanarMotion | None:
     """Dead-reckon a mission in the plane; None where nothing measures its speed.
 
-    The readings' errors are white at their usual rate. Between two readings the speed walks as
-    ``settings`` say, by ``q L^3 / 12`` over a step of L; with ``readings_suffice`` only over what
-    exceeds the usual step.
+    The readings' errors are white; where wheels or a gyro are silent, with the density of their
+    usual rate. Between two readings the speed walks as ``settings`` say, by ``q L^3 / 12`` over a
+    step of L; with ``readings_suffice`` only over what exceeds the usual step. While only the water
+    is tracked, its motion is one velocity.
 
     Raises
     ------
@@ -126,10 +150,12 @@ def planar_motion(
     c, s, dt = np.cos(course), np.sin(course), np.diff(t)
     v = np.column_stack([c * v_b[:, 0] - s * v_b[:, 1], s * v_b[:, 0] + c * v_b[:, 1]])
     steps = 0.5 * (v[1:] + v[:-1]) * dt[:, None]
+    density = sigma_v**2 * (_told_s(dt) if readings.by_pings else np.median(dt))
     walk = (
-        _walk(sigma_v, dt) + settings.sigma_accel_m_s2**2 * _silence(dt, readings_suffice) ** 3 / 12
+        _walk(density, dt) + settings.sigma_accel_m_s2**2 * _silence(dt, readings_suffice) ** 3 / 12
     )
-    variance = np.column_stack([_summed(walk), _summed(walk), course_variance])
+    moved = _summed(walk) + _current(readings, t)
+    variance = np.column_stack([moved, moved, course_variance])
     return PlanarMotion(
         t,
         _summed(steps),
@@ -138,13 +164,24 @@ def planar_motion(
         is_heading,
         readings.scale_sigma,
         0.0 if is_heading else _curvature_sigma(mission),
-        *(_disturbance(mission) if is_heading else ()),
+        *(_compass_errors(mission) if is_heading else ()),
     )
 
 
-def _walk(sigma: Array, dt: Array) -> Array:
+def _walk(density: Array, dt: Array) -> Array:
     """Variance that white noise adds up to in each step."""
-    return np.asarray(sigma[:-1] ** 2 * np.median(dt) * dt)
+    return np.asarray(0.5 * (density[1:] + density[:-1]) * dt)
+
+
+def _told_s(dt: Array) -> Array:
+    """For how long each reading tells the speed: half of the step on either side."""
+    return np.asarray(0.5 * (np.append(0.0, dt) + np.append(dt, 0.0)))
+
+
+def _current(readings: Speeds, t: Array) -> Array:
+    """Variance that the water's motion has added by times (n,): one velocity all along a spell."""
+    tracked_s = [np.clip(t, first, last) - first for first, last in readings.water_spells]
+    return np.asarray(readings.current_sigma**2 * np.square(tracked_s).sum(axis=0))
 
 
 def _silence(dt: Array, readings_suffice: bool) -> Array:
@@ -176,8 +213,11 @@ def _speeds(mission: Mission, settings: MotionSettings) -> Speeds | None:
         omega_b = angular_rate_b(mission, dvl.series.t) - mean_gyro_bias_b(mission)
         found = body_velocities(dvl, omega_b, settings.water_lock_after_s)
         if len(found):
-            scale_sigma = DvlNoise.model_validate(dvl.noise).scale_sigma
-            return Speeds(found.t, found.v_b[:, :2], found.sigma, scale_sigma)
+            noise = DvlNoise.model_validate(dvl.noise)
+            spells = water_spells([dvl], settings.water_lock_after_s)
+            v_b = found.v_b[:, :2]
+            scale, current = noise.scale_sigma, noise.water_sigma_m_s
+            return Speeds(found.t, v_b, found.sigma, scale, True, current, spells)
     odometry = mission.first("odometry")
     if odometry is None:
         return None
@@ -205,7 +245,7 @@ def _course(
     """
     headings = headings_true(mission)
     if headings is not None and len(headings) > 1:
-        disturbance, time_s = _disturbance(mission)
+        disturbance, time_s, _, _ = _compass_errors(mission)
         density = 2 * disturbance**2 / time_s
         course = np.interp(t, headings.t, np.unwrap(headings.heading))
         return course, density * (t - t[0]), True
@@ -214,18 +254,21 @@ def _course(
     dt = np.diff(t_rate)
     turned = _summed(0.5 * (rate[1:, 0] + rate[:-1, 0]) * dt)
     walk = (
-        _walk(sigma, dt)
+        _walk(sigma**2 * np.median(dt), dt)
         + settings.sigma_yaw_accel_rad_s2**2 * _silence(dt, readings_suffice) ** 3 / 12
     )
     return np.interp(t, t_rate, turned), np.interp(t, t_rate, _summed(walk)), False
 
 
-def _disturbance(mission: Mission) -> tuple[float, float]:
-    """Spread (rad) and correlation time (s) of the compass's slow error."""
+def _compass_errors(mission: Mission) -> tuple[float, float, float, float]:
+    """Spread (rad) and correlation time (s) of the compass's slow error, spread of its constant
+    one and of its noise."""
     compass = mission.first("heading")
     assert compass is not None
+    assert isinstance(compass.series, HeadingSeries)
     noise = HeadingNoise.model_validate(compass.noise)
-    return float(np.radians(noise.disturbance_sigma_deg)), noise.disturbance_time_s
+    slow, constant = np.radians([noise.disturbance_sigma_deg, noise.bias_sigma_deg]).tolist()
+    return slow, noise.disturbance_time_s, constant, float(np.median(compass.series.sigma))
 
 
 def _yaw_rates(mission: Mission) -> tuple[Array, Array, Array]:

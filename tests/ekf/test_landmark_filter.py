@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from rovers import SIGMA_BEARING_RAD, SIGMA_RANGE_M, rover
@@ -183,11 +185,15 @@ def test_a_landmark_at_the_sensor_tells_no_bearing(mission: Mission) -> None:
     np.testing.assert_allclose(filtered.P, before)
 
 
-def test_a_compass_that_wanders_makes_the_course_no_worse_than_itself() -> None:
-    """Its error forgets itself: the turn since the start is wrong by two draws of it, not more."""
+TIME_S = 20.0
+"""In which a compass forgets its error."""
+NO_ERROR = Alignment(0.0, np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), georeferenced=True)
+
+
+def by_compass(**sigmas: float) -> PlanarMotion:
+    """A vehicle that stands, for 400 s."""
     t = np.arange(0.0, 400.0, 0.1)
-    sigma, time_s = 0.03, 20.0
-    motion = PlanarMotion(
+    return PlanarMotion(
         t,
         np.zeros((len(t), 2)),
         np.zeros(len(t)),
@@ -195,16 +201,38 @@ def test_a_compass_that_wanders_makes_the_course_no_worse_than_itself() -> None:
         course_is_heading=True,
         scale_sigma=0.0,
         curvature_sigma=0.0,
-        disturbance_sigma=sigma,
-        disturbance_time_s=time_s,
+        disturbance_time_s=TIME_S,
+        **sigmas,
     )
-    start = Alignment(0.0, np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), georeferenced=True)
-    steps = np.arange(0.0, 300.0, 1.0)
-    moving = PlanarVehicle(Mission("m", {}), motion, start, steps)
+
+
+def test_a_compass_that_wanders_makes_the_course_no_worse_than_itself() -> None:
+    """Its error forgets itself: the turn since the start is wrong by two draws of it, not more."""
+    sigma, steps = 0.03, np.arange(0.0, 300.0, 1.0)
+    moving = PlanarVehicle(Mission("m", {}), by_compass(disturbance_sigma=sigma), NO_ERROR, steps)
     P = moving.P_start.copy()
     for elapsed in steps[1:]:
         A, noise = moving.advance()
         P = A @ P @ A.T + noise
-        expected = 2 * sigma**2 * (1 - np.exp(-elapsed / time_s))
+        expected = 2 * sigma**2 * (1 - np.exp(-elapsed / TIME_S))
         assert P[2, 2] == pytest.approx(expected, rel=1e-6)
         assert P[5, 5] == pytest.approx(sigma**2, rel=1e-6)
+
+
+def test_a_course_that_the_compass_told_stays_as_wrong_as_the_compass() -> None:
+    bias, slow, white, steps = 0.02, 0.03, 0.01, np.arange(0.0, 100.0, 1.0)
+    motion = by_compass(bias_sigma=bias, disturbance_sigma=slow, white_sigma=white)
+    moving = PlanarVehicle(Mission("m", {}), motion, NO_ERROR, steps, compass_start=True)
+    P = moving.P_start.copy()
+    for _ in steps[1:]:
+        A, noise = moving.advance()
+        P = A @ P @ A.T + noise
+        assert moving.pose_cov(P)[5, 5] == pytest.approx(bias**2 + slow**2 + white**2, rel=1e-6)
+
+
+def test_a_course_that_was_stated_has_the_noise_of_the_first_and_of_the_last_reading() -> None:
+    white, stated = 0.01, replace(NO_ERROR, sigma_rpy=np.full(3, 0.02))
+    motion = by_compass(bias_sigma=0.5, white_sigma=white)
+    moving = PlanarVehicle(Mission("m", {}), motion, stated, np.arange(0.0, 5.0))
+    expected = pytest.approx(0.02**2 + 2 * white**2, rel=1e-6)
+    assert moving.pose_cov(moving.P_start)[5, 5] == expected

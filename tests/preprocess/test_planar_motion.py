@@ -13,9 +13,10 @@ from gtsam_nav.frames import wrap_angle
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.planar_motion import PlanarMotion, planar_motion
 from gtsam_nav.preprocess.settings import MotionSettings
-from gtsam_nav.series import DvlSeries, HeadingSeries, OdometrySeries
+from gtsam_nav.series import BoolArray, DvlSeries, HeadingSeries, OdometrySeries
 
 SETTINGS = MotionSettings()
+MINUTE_S = np.arange(0.0, 60.0, 0.2)
 
 
 def motion_of(mission: Mission) -> PlanarMotion:
@@ -69,6 +70,55 @@ def test_a_silence_costs_certainty() -> None:
     span = np.array([8.0, 12.0])
     bridged = motion_of(silent).increments(span).variance[0]
     assert np.all(bridged > 10 * motion_of(mission).increments(span).variance[0])
+
+
+def dived(*, bottom_lock: BoolArray, valid: BoolArray, sigma: float) -> Mission:
+    """Straight ahead at 0.5 m/s by a DVL, for a minute."""
+    n = len(MINUTE_S)
+    v_d = np.tile([0.5, 0.0, 0.0], (n, 1))
+    dvl = DvlSeries(
+        t=MINUTE_S, v_d=v_d, sigma=np.full(n, sigma), valid=valid, bottom_lock=bottom_lock
+    )
+    heading = HeadingSeries(t=MINUTE_S, heading=np.zeros(n), sigma=np.full(n, 0.01))
+    noise = {"water_sigma_m_s": 0.1}
+    sensors = (Sensor("dvl", "dvl", dvl, noise=noise), Sensor("heading", "heading", heading))
+    return Mission("boat", {sensor.name: sensor for sensor in sensors})
+
+
+def test_a_silence_of_a_dvl_holds_the_noise_of_its_ends() -> None:
+    """The way is a sum over the pings: each weighs half of the time to its neighbours."""
+    heard = (MINUTE_S < 20.0) | (MINUTE_S > 24.0)
+    mission = dived(bottom_lock=heard, valid=heard, sigma=0.03)
+    motion = planar_motion(mission, MotionSettings(sigma_accel_m_s2=1e-9))
+    assert motion is not None
+    pings_s = MINUTE_S[heard]
+    weights = np.trapezoid(np.eye(len(pings_s)), pings_s, axis=1)
+    assert motion.variance[-1, 0] == pytest.approx(np.sum(np.square(0.03 * weights)), rel=1e-6)
+
+
+def test_the_noise_of_wheels_comes_with_the_motion_however_often_it_is_told() -> None:
+    mission = rover(duration_s=20.0)
+    series = odometry_of(mission)
+    silent = series.select((series.t < 8.0) | (series.t > 12.0))
+    calm = MotionSettings(sigma_accel_m_s2=1e-9, sigma_yaw_accel_rad_s2=1e-9)
+    told = planar_motion(mission, calm)
+    seldom = planar_motion(
+        mission.with_sensor(replace(mission.sensors["odometry"], series=silent)), calm
+    )
+    assert told is not None
+    assert seldom is not None
+    np.testing.assert_allclose(seldom.variance[-1], told.variance[-1], rtol=1e-6)
+
+
+def test_a_current_moves_the_vehicle_all_along_a_spell_of_water_lock() -> None:
+    """One velocity, not noise that averages out: the sigma of the way grows with the time."""
+    on_bottom = (MINUTE_S < 20.0) | (MINUTE_S > 50.0)
+    mission = dived(bottom_lock=on_bottom, valid=np.ones_like(on_bottom), sigma=1e-3)
+    before, half, whole, after = np.sqrt(motion_of(mission).at(np.array([19, 35, 50, 59]))[2][:, 0])
+    assert before < 0.05
+    assert half == pytest.approx(0.1 * 15.0, rel=0.05)
+    assert whole == pytest.approx(0.1 * 30.0, rel=0.05)
+    assert after == pytest.approx(whole, rel=0.01)
 
 
 def test_a_compass_is_the_course() -> None:
