@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import bz2
-import logging
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,7 +17,6 @@ from gtsam_nav.frames import Array
 from gtsam_nav.series import BoolArray
 
 TRUNCATED = "truncated line"
-log = logging.getLogger(__name__)
 
 CUT_OFF = b"<archive-cut-off>"
 """What ends the readable part of an archive that a recorder never closed: no field reads so."""
@@ -170,8 +168,8 @@ def first_lines(path: Path, count: int) -> list[str]:
 def stream_lines(path: Path) -> Iterator[tuple[str, float]]:
     """Line after line of a text file of any size, with the share of it that has been read.
 
-    Bytes that are no UTF-8 are replaced: what they stand in will not be understood. Where an
-    archive is cut off, the line is left out.
+    Bytes that are no UTF-8 are replaced: what they stand in will not be understood; nor will the
+    line where an archive is cut off, which ends in ``CUT_OFF``.
     """
     rest = b""
     fraction = 0.0
@@ -179,10 +177,14 @@ def stream_lines(path: Path) -> Iterator[tuple[str, float]]:
         *whole, rest = (rest + chunk).split(b"\n")
         for line in whole:
             yield line.decode("utf-8", "replace").rstrip("\r"), fraction
-    if rest.endswith(CUT_OFF):
-        log.warning("%s: the archive is cut off: it is read as far as it goes", path)
-    elif rest:
+    if rest:
         yield rest.decode("utf-8", "replace"), fraction
+
+
+def said_of_end(last_line: str) -> Iterator[str]:
+    """What is said of a text whose archive is cut off within its last line."""
+    if last_line.endswith(CUT_OFF.decode()):
+        yield "the archive is cut off: it is read as far as it goes"
 
 
 def read_lines(path: Path, encoding: str = "utf-8-sig") -> list[str]:

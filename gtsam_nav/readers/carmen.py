@@ -29,7 +29,7 @@ from gtsam_nav.preprocess.cleaning import screen, tidy
 from gtsam_nav.readers._carmen_relations import ENDING, read_relations
 from gtsam_nav.readers._clock import on_mission_time
 from gtsam_nav.readers._odometry import speeds_between
-from gtsam_nav.readers._text import TRUNCATED, first_lines, stream_lines
+from gtsam_nav.readers._text import TRUNCATED, first_lines, said_of_end, stream_lines
 from gtsam_nav.sensors.noise import OdometryNoise
 from gtsam_nav.series import BoolArray, OdometrySeries, ReferenceSeries, ScanSeries
 from gtsam_nav.solution import Progress, no_progress
@@ -65,7 +65,7 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
     DataError
         Where it holds neither a whole scan nor two poses.
     """
-    log = _Log()
+    log, line = _Log(), ""
     for k, (line, fraction) in enumerate(stream_lines(path)):
         if k % 200 == 0:
             progress("read mission", fraction)
@@ -90,7 +90,7 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
         sensors=sensors,
         start_utc=0.0 if first > POSIX_S else None,
         rejections=(*odometry_rejections, *scan_rejections),
-        warnings=tuple(log.warnings()),
+        warnings=(*log.warnings(), *said_of_end(line)),
         sources=(path,),
     )
     mission = on_mission_time(mission, {"odometry": 0.0, "scans": 0.0})

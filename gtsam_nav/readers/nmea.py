@@ -34,7 +34,7 @@ from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.preprocess.cleaning import tidy
 from gtsam_nav.readers._clock import on_mission_time
 from gtsam_nav.readers._gnss import Fixes
-from gtsam_nav.readers._text import first_lines, stream_lines
+from gtsam_nav.readers._text import first_lines, said_of_end, stream_lines
 from gtsam_nav.sensors.noise import GnssNoise, HeadingNoise
 from gtsam_nav.series import BoolArray, DvlSeries, HeadingSeries, IntArray, Series
 from gtsam_nav.solution import Progress, no_progress
@@ -76,7 +76,7 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
     DataError
         Where no sentence tells a position or a heading.
     """
-    log = _Log()
+    log, line = _Log(), ""
     for k, (line, fraction) in enumerate(stream_lines(path)):
         if k % 5000 == 0:
             progress("read mission", fraction)
@@ -92,7 +92,7 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
         origin=origin,
         start_utc=log.zero_s if log.dated else None,
         rejections=tuple(rejections),
-        warnings=tuple(log.warnings()),
+        warnings=(*log.warnings(), *said_of_end(line)),
         sources=(path,),
     )
     return on_mission_time(mission, dict.fromkeys(("gnss", "speed", "heading"), 0.0))

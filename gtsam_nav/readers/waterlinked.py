@@ -10,6 +10,7 @@ and take no time.
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from gtsam_nav.errors import DataError
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.cleaning import tidy
 from gtsam_nav.readers._clock import on_mission_time
-from gtsam_nav.readers._text import TRUNCATED, first_lines, stream_lines
+from gtsam_nav.readers._text import TRUNCATED, first_lines, said_of_end, stream_lines
 from gtsam_nav.sensors.noise import DvlNoise
 from gtsam_nav.series import BoolArray, DvlSeries
 from gtsam_nav.solution import Progress, no_progress
@@ -50,7 +51,7 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
     reasons: list[str] = []
     utc: list[float] = []
     clock_s = 0.0
-    before = ""
+    before = line = ""
     last = False
     for line, fraction in stream_lines(path):
         progress("read mission", fraction)
@@ -75,7 +76,8 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
         before = line
     if last and reasons and reasons[-1] == MALFORMED:
         reasons[-1] = TRUNCATED
-    return _mission(path, rows, reasons, utc, noise)
+    mission = _mission(path, rows, reasons, utc, noise)
+    return replace(mission, warnings=(*mission.warnings, *said_of_end(line)))
 
 
 def _mission(

@@ -117,13 +117,14 @@ def test_a_log_without_scans_and_poses(tmp_path: Path) -> None:
         log(tmp_path, odom(0))
 
 
-def test_a_cut_archive(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_cut_archive(tmp_path: Path) -> None:
     whole = bz2.compress("\n".join(odom(k, 0.1 * k) for k in range(2000)).encode())
     (tmp_path / "log.clf.bz2").write_bytes(whole)
     assert len(odometry_of(open_mission(tmp_path / "log.clf.bz2"))) == 1999
     (tmp_path / "log.clf.bz2").write_bytes(whole[:-10])
-    assert len(odometry_of(open_mission(tmp_path / "log.clf.bz2"))) > 500
-    assert "log.clf.bz2: the archive is cut off" in caplog.text
+    cut = open_mission(tmp_path / "log.clf.bz2")
+    assert len(odometry_of(cut)) > 500
+    assert any("the archive is cut off" in said for said in cut.warnings)
 
 
 def relations(folder: Path, *lines: str) -> Mission:

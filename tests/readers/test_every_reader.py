@@ -76,9 +76,7 @@ def test_a_sample_becomes_a_mission_folder_that_reads_back_equal(name: str, tmp_
     ("name", "file"),
     [("NMEA 0183 log", "log.nmea"), ("Water Linked JSON", "dvl.txt"), ("CARMEN log", "log.clf")],
 )
-def test_gzipped_text_is_the_same(
-    name: str, file: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_gzipped_text_is_the_same(name: str, file: str, tmp_path: Path) -> None:
     path = SAMPLES[name](tmp_path)
     packed = tmp_path / f"{file}.gz"
     packed.write_bytes(gzip.compress(path.read_bytes()))
@@ -86,4 +84,4 @@ def test_gzipped_text_is_the_same(
     packed.write_bytes(packed.read_bytes()[:-9])
     cut = of(name).read(packed)
     assert sum(len(sensor.series) for sensor in cut.sensors.values()) > 0
-    assert f"{packed.name}: the archive is cut off" in caplog.text
+    assert any("the archive is cut off" in said for said in cut.warnings)
