@@ -59,7 +59,9 @@ def test_fixes_that_are_all_outliers_do_not_pass_for_a_position(mission: Mission
     assert shape.mean < clean_shape.mean + 0.5
     rejected = [r for r in solution.rejections if r.sensor == "gnss"]
     assert len(rejected) == len(mission.sensors["gnss"].series) - solution.gnss_used
-    assert all(r.normalised_residual is not None and r.normalised_residual > 3 for r in rejected)
+    judged = [r for r in rejected if r.reason != "first fix off the next"]
+    assert len(judged) > 0.8 * len(rejected)
+    assert all(r.normalised_residual is not None and r.normalised_residual > 3 for r in judged)
 
 
 def test_two_receivers_that_contradict_each_other_are_named(mission: Mission) -> None:

@@ -61,7 +61,8 @@ UNGATED = ("graph.robust.gnss.gate_probability=null", "graph.robust.gnss.kernel=
 
 
 def position_outliers(solution: Solution) -> list[int]:
-    return sorted(r.index for r in solution.rejections if r.reason == "position outlier")
+    reasons = "position outlier", "first fix off the next"
+    return sorted(r.index for r in solution.rejections if r.reason in reasons)
 
 
 def rms_m(solution: Solution, positions: str = "trajectory") -> float:
