@@ -17,6 +17,7 @@ from gtsam_nav.graph.problem import RECEIVER_STRIDE, Problem
 from gtsam_nav.graph.readings import Maker, Reading, StateAt, as_given
 from gtsam_nav.graph.robust import GatedRobustness
 from gtsam_nav.mission import Mission, Sensor
+from gtsam_nav.preprocess.first_fixes import located
 from gtsam_nav.sensors.noise import GnssNoise
 from gtsam_nav.sensors.rates import angular_rate_b
 from gtsam_nav.series import GnssSeries, IntArray
@@ -55,6 +56,9 @@ def _add_positions(
     It is a Gauss-Markov sequence over the keyframes with fixes.
     """
     series = _within(problem, gnss)
+    series = series.select(located(series))
+    if not len(series):
+        return
     keyframe = problem.keyframe_nearest(series.t)
     noise = GnssNoise.model_validate(gnss.noise)
     shares_error = noise.correlated_share > 0
