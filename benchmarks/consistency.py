@@ -310,7 +310,7 @@ def _print(rows: Sequence[Mapping[str, Any]]) -> None:
 
 def _draw(found: Outcome, out: Path) -> None:
     out.mkdir(parents=True, exist_ok=True)
-    stem = found.case.name.replace(", ", "_").replace(" ", "_")
+    stem = f"{found.case.name}, {found.runs}".replace(", ", "_").replace(" ", "_")
     quantities = {f"NEES_{name}": q for name, q in found.nees.items()}
     quantities |= {f"NIS_{name}": q for name, q in found.nis.items()}
     figure = plots.ensemble_figure({found.case.method: quantities})

@@ -16,7 +16,7 @@ from gtsam_nav.ekf.inertial_start import InertialStart
 from gtsam_nav.ekf.strapdown import InertialState, Strapdown
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission, Rejection, Sensor
-from gtsam_nav.preprocess.first_fixes import first_fixes, located
+from gtsam_nav.preprocess.first_fixes import OFF_THE_NEXT, first_fixes, located
 from gtsam_nav.sensors import depth, dvl, gnss, orientation
 from gtsam_nav.sensors.noise import AttitudeNoise, DvlNoise, GnssNoise, HeadingNoise, OdometryNoise
 from gtsam_nav.sensors.prediction import Prediction
@@ -49,7 +49,7 @@ def _usable_fixes(receiver: Sensor) -> tuple[Sensor, list[Rejection]]:
     off = located(series)
     off[first_fixes(series).first :] = False
     rejections = [
-        Rejection(float(series.t[k]), receiver.name, int(series.row[k]), "first fix off the next")
+        Rejection(float(series.t[k]), receiver.name, int(series.row[k]), OFF_THE_NEXT)
         for k in np.flatnonzero(off).tolist()
     ]
     return replace(receiver, series=series.select(~off)), rejections

@@ -52,6 +52,8 @@ class InertialStart:
     gyrocompass : bool
         Whether the rates at rest tell the heading.
     georeferenced : bool
+    arm_b : ndarray, shape (3,)
+        Of the antenna whose fix told the place; zero where none did.
     """
 
     state: InertialState
@@ -59,6 +61,7 @@ class InertialStart:
     rest: Rest | None
     gyrocompass: bool
     georeferenced: bool
+    arm_b: Array
 
     def with_yaw(self, yaw: float) -> InertialStart:
         """The same start with a yaw that was found since."""
@@ -71,7 +74,9 @@ class InertialStart:
             if entries == THETA:
                 P_n[2, 2] = FOUND_YAW_SIGMA_RAD**2
             P[entries, entries] = R_nb.T @ P_n @ R_nb
-        return replace(self, state=replace(self.state, q_nb_wxyz=quaternion_from_rpy(rpy)), P=P)
+        p_n = self.state.p_n + (before - R_nb) @ self.arm_b
+        state = replace(self.state, q_nb_wxyz=quaternion_from_rpy(rpy), p_n=p_n)
+        return replace(self, state=state, P=P)
 
 
 def inertial_start(mission: Mission, imu: Sensor) -> InertialStart:
@@ -88,9 +93,11 @@ def inertial_start(mission: Mission, imu: Sensor) -> InertialStart:
     if shown is not None:
         rpy[2], sigma_yaw = shown.yaw, shown.sigma
     R_nb = rotation_from_rpy(rpy)
-    p_n, sigma_p = begin.p_n.copy(), begin.sigma_p.copy()
-    if mission.initial.p_n is None and begin.georeferenced:
-        sigma_p *= AGAIN_SIGMAS
+    sigma_p, arm_b = begin.sigma_p.copy(), np.zeros(3)
+    receiver = mission.first("gnss")
+    if receiver is not None and mission.initial.p_n is None and begin.georeferenced:
+        sigma_p, arm_b = AGAIN_SIGMAS * sigma_p, receiver.xyz_b
+    p_n = begin.p_n + (rotation_from_rpy(begin.rpy) - R_nb) @ arm_b
     depth = mission.first("depth")
     if depth is not None:
         p_n[2], sigma_p[2] = _first_depth(depth, R_nb, begin.t)
@@ -106,7 +113,7 @@ def inertial_start(mission: Mission, imu: Sensor) -> InertialStart:
     state = InertialState(begin.t, quaternion_from_rpy(rpy), p_n, v_n, np.zeros(3), np.zeros(3))
     known = begin.heading_known or gyrocompass or mission.first("gnss") is not None
     known = known and (shown is None or shown.in_world)
-    return InertialStart(state, P, rest, gyrocompass, begin.georeferenced and known)
+    return InertialStart(state, P, rest, gyrocompass, begin.georeferenced and known, arm_b)
 
 
 def _first_depth(depth: Sensor, R_nb: Array, start_s: float) -> tuple[float, float]:

@@ -84,38 +84,34 @@ def outset(mission: Mission, series: LandmarkSeries, config: Config) -> Outset:
 def _planar(
     mission: Mission, motion: PlanarMotion, series: LandmarkSeries, config: Config
 ) -> Outset:
-    start, on_map, by_compass = _planar_start(mission, motion, config)
+    start, on_map = _planar_start(mission, motion, config)
     t = np.union1d(record_times(*mission.span_s, config.motion.rate_hz), _since(series.t, start.t))
     by_fix = start.georeferenced and not on_map and mission.initial.p_n is None
     return Outset(
         t,
-        PlanarVehicle(mission, motion, start, t, compass_start=by_compass),
+        PlanarVehicle(mission, motion, start, t),
         on_map,
         start.georeferenced and start.heading_known,
         gnss_used=int(by_fix),
     )
 
 
-def _planar_start(
-    mission: Mission, motion: PlanarMotion, config: Config
-) -> tuple[Alignment, bool, bool]:
-    """Where the mission begins, whether that is known on the map of surveyed landmarks, and whether
-    its course is the compass's."""
+def _planar_start(mission: Mission, motion: PlanarMotion, config: Config) -> tuple[Alignment, bool]:
+    """Where the mission begins, and whether that is known on the map of surveyed landmarks."""
     stated = align(mission)
-    by_compass = motion.course_is_heading and mission.initial.heading is None
     if not _has_map(mission, config):
-        return _local(stated), False, by_compass
+        return _local(stated), False
     if stated.georeferenced and stated.heading_known:
-        return stated, True, by_compass
+        return stated, True
     found = landmark_start(mission, motion, config.landmarks)
     if found is None:
-        return _local(stated), False, by_compass
+        return _local(stated), False
     doubted = replace(
         found,
         sigma_p=PRIOR_SIGMAS * found.sigma_p,
         sigma_rpy=found.sigma_rpy * [1.0, 1.0, PRIOR_SIGMAS],
     )
-    return doubted, True, False
+    return doubted, True
 
 
 def _has_map(mission: Mission, config: Config) -> bool:

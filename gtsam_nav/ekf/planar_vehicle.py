@@ -13,8 +13,7 @@ with zero-mean Gaussian noise of covariance Q::
     b      += -f b + w
 
 Noise of the compass does not add up: it is in a course of now, and that of the first reading in all
-courses since a start that something else told. Where the compass told it, the course is as wrong as
-the compass, by b and by its constant error.
+courses since.
 
 Depth, roll and pitch are what the mission measures of them.
 """
@@ -46,8 +45,6 @@ class PlanarVehicle:
         At the first of the times.
     t : ndarray, shape (n,)
         Mission times, s, rising.
-    compass_start : bool
-        Whether the course of the start is the compass's.
 
     Attributes
     ----------
@@ -60,21 +57,15 @@ class PlanarVehicle:
     size = 6
     pose = slice(0, 3)
 
-    def __init__(
-        self,
-        mission: Mission,
-        motion: PlanarMotion,
-        start: Alignment,
-        t: Array,
-        *,
-        compass_start: bool = False,
-    ) -> None:
+    def __init__(self, mission: Mission, motion: PlanarMotion, start: Alignment, t: Array) -> None:
         self._increments, self._dt = motion.increments(t), np.diff(t)
         self._depth, self._sigma_depth = _depths(mission, start, t)
         tilt, self._sigma_tilt = tilt_at(mission, t)
         self._R_level = rotation_from_rpy(np.column_stack([tilt, np.zeros(len(t))]))
+        slow = [motion.scale_sigma, motion.curvature_sigma, motion.disturbance_sigma]
         self._white2 = motion.white_sigma**2
-        self.P_start = _start_cov(motion, start, compass_start)
+        self.P_start = np.diag([*start.sigma_p[:2], start.sigma_rpy[2], *slow]) ** 2
+        self.P_start[2, 2] += self._white2
         self._forgotten = -np.expm1(-self._dt / motion.disturbance_time_s)
         self._disturbance2 = motion.disturbance_sigma**2
         self._k = 0
@@ -156,17 +147,6 @@ class PlanarVehicle:
         """The same covariance: the errors are along fixed axes."""
         del error
         return P
-
-
-def _start_cov(motion: PlanarMotion, start: Alignment, compass_start: bool) -> Array:
-    slow = [motion.scale_sigma, motion.curvature_sigma, motion.disturbance_sigma]
-    P = np.diag([*start.sigma_p[:2], start.sigma_rpy[2], *slow]) ** 2
-    if compass_start:
-        P[2, 2] = motion.bias_sigma**2 + motion.disturbance_sigma**2
-        P[2, 5] = P[5, 2] = -(motion.disturbance_sigma**2)
-    else:
-        P[2, 2] += motion.white_sigma**2
-    return P
 
 
 def _depths(mission: Mission, start: Alignment, t: Array) -> tuple[Array, Array]:

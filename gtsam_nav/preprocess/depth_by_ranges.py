@@ -29,7 +29,14 @@ def depth_spread_m(mission: Mission, use_map: bool) -> float:
     """
     known, stays = mission.landmark_map, mission.constraints
     told = any(mission.of_type(kind) for kind in TELL_DEPTH) or mission.edges is not None
-    if known is None or not use_map or told or stays.constant_depth or stays.nonholonomic:
+    if (
+        known is None
+        or not len(known.id)
+        or not use_map
+        or told
+        or stays.constant_depth
+        or stays.nonholonomic
+    ):
         return 0.0
     sighted = [sensor.series for sensor in mission.of_type("landmarks")]
     if not any(isinstance(s, LandmarkSeries) and s.range_m is not None for s in sighted):

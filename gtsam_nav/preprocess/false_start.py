@@ -16,18 +16,21 @@ import numpy as np
 
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission, Rejection, Sensor
-from gtsam_nav.preprocess.first_fixes import MANOEUVRE_M_S2, USELESS_SIGMA_M, spaced
+from gtsam_nav.preprocess.first_fixes import ANY_SPEED_M_S, OFF_THE_NEXT, USELESS_SIGMA_M, spaced
 from gtsam_nav.series import GnssSeries
 
 COMPARED_S = 120.0
 """A receiver that is not settled after half of this time is believed."""
 LEAST_FIXES = 6
 LEAST_SPEED_M_S = 1.0
+HARDEST_M_S2 = 6.0
+"""No vehicle starts or stops harder."""
+SILENT_STEPS = 3.0
+"""Usual steps after which a receiver was silent: what happened meanwhile nothing tells."""
 JUMP_SIGMAS = 7.0
 """Of a step, that it differs from those beside it."""
 BESIDE = 2
 """Steps on either side that tell the velocity at a jump."""
-REASON = "first fix off the next"
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,11 @@ class _Track:
         speeds = np.linalg.norm(np.diff(self.p, axis=0), axis=1) / np.diff(self.t)
         return max(float(np.percentile(speeds, 75)), LEAST_SPEED_M_S)
 
+    @cached_property
+    def silence_s(self) -> float:
+        """A step after which it was silent."""
+        return SILENT_STEPS * float(np.median(np.diff(self.t)))
+
     def is_joined(self, a: int, b: int, begin: int, end: int) -> bool:
         """Whether a vehicle may have gone from fix a to b, by its velocity before or after.
 
@@ -58,9 +66,12 @@ class _Track:
             if i < j
         ]
         sigma = float(np.hypot(self.sigma[a], self.sigma[b]))
-        manoeuvre_m = MANOEUVRE_M_S2 * gap_s * (self.t[after] - self.t[before]) / 2
+        manoeuvre_m = HARDEST_M_S2 * gap_s * (self.t[after] - self.t[before]) / 2
         # what is slow does not come far from where it was going
-        allowed_m = JUMP_SIGMAS * sigma + min(manoeuvre_m, 2 * self.fast_m_s * gap_s)
+        strayed_m = min(manoeuvre_m, 2 * self.fast_m_s * gap_s)
+        if b == a + 1 and gap_s > self.silence_s:
+            strayed_m = ANY_SPEED_M_S * gap_s
+        allowed_m = JUMP_SIGMAS * sigma + strayed_m
         return bool(min(off_m, default=float(np.linalg.norm(way))) <= allowed_m)
 
 
@@ -81,10 +92,11 @@ def _from_fix(mission: Mission, receiver: Sensor, first: int, off_m: float) -> M
     which = "first fix" if first == 1 else f"first {first} fixes"
     said = (
         f"'{receiver.name}' jumps by {off_m:.0f} m after its {which}, until"
-        f" {series.t[first - 1]:.1f} s, as no motion explains: not used as positions"
+        f" {series.t[first - 1]:.1f} s, as no motion explains: not used as positions; if they are"
+        " right, their sigmas are too small"
     )
     left_out = tuple(
-        Rejection(float(series.t[k]), receiver.name, int(series.row[k]), REASON)
+        Rejection(float(series.t[k]), receiver.name, int(series.row[k]), OFF_THE_NEXT)
         for k in range(first)
     )
     if series.v_n is None:

@@ -17,6 +17,7 @@ MANOEUVRE_M_S2 = 1.0
 TOLERANCE_SIGMAS = 4.0
 ANY_SPEED_M_S = 20.0
 """Spread of a velocity that the fixes do not tell."""
+OFF_THE_NEXT = "first fix off the next"
 USELESS_SIGMA_M = 1e4
 """A receiver that gives velocities alone states its positions to be as uncertain as this."""
 

@@ -52,7 +52,7 @@ class PlanarMotion:
     course : ndarray, shape (n,)
         Unwrapped, rad.
     variance : ndarray, shape (n, 3)
-        Sum of the variances of all steps so far: forward, to starboard, course.
+        Of all steps so far, added up, but for a current's: forward, to starboard, course.
     course_is_heading : bool
         Whether ``course`` is a compass's heading, or starts at zero.
     scale_sigma : float
@@ -63,6 +63,8 @@ class PlanarMotion:
         Of the compass's Gauss-Markov error, whose walk ``variance`` holds; zero without a compass.
     bias_sigma, white_sigma : float
         Of the compass's constant error, and of the noise that each ``course`` has of it, rad.
+    current_sigma : float
+        Of the water's motion, m/s, that the speeds miss in the ``water_spells``, shape (k, 2).
     """
 
     t: Array
@@ -76,25 +78,45 @@ class PlanarMotion:
     disturbance_time_s: float = 1.0
     bias_sigma: float = 0.0
     white_sigma: float = 0.0
+    current_sigma: float = 0.0
+    water_spells: Array = field(default_factory=lambda: np.empty((0, 2)))
 
     def increments(self, t: Array) -> Increments:
-        """Motion between successive times of ``t``, shape (k + 1,), rising."""
-        p, course, variance = self.at(t)
+        """Motion between successive times of ``t``, shape (k + 1,), rising.
+
+        A current is one velocity over each span; that successive spans share it is not told.
+        """
+        p, course, variance = self._by_noise(t)
         c, s = np.cos(course[:-1]), np.sin(course[:-1])
         north, east = np.diff(p, axis=0).T
+        variance = np.diff(variance, axis=0)
+        variance[:, :2] += self._by_current(np.diff(self._tracked_s(t)))[:, None]
         return Increments(
-            np.column_stack([c * north + s * east, c * east - s * north]),
-            np.diff(course),
-            np.diff(variance, axis=0),
+            np.column_stack([c * north + s * east, c * east - s * north]), np.diff(course), variance
         )
 
     def at(self, t: Array) -> tuple[Array, Array, Array]:
-        """Position (k, 2), unwrapped course (k,) and summed variances (k, 3) at given times."""
+        """Position (k, 2), unwrapped course (k,) and variances (k, 3) since the first reading."""
+        p, course, variance = self._by_noise(t)
+        variance[:, :2] += self._by_current(self._tracked_s(t))[:, None]
+        return p, course, variance
+
+    def _by_noise(self, t: Array) -> tuple[Array, Array, Array]:
+        """As `at`, without the current."""
         p, variance = (
             np.stack([np.interp(t, self.t, column) for column in columns.T], axis=1)
             for columns in (self.p, self.variance)
         )
         return p, np.interp(t, self.t, self.course), variance
+
+    def _tracked_s(self, t: Array) -> Array:
+        """For how long the water was tracked in each spell by times (k,), shape (spells, k)."""
+        first, last = self.water_spells.T[:, :, None]
+        return np.asarray(np.clip(t, first, last) - first)
+
+    def _by_current(self, tracked_s: Array) -> Array:
+        """Variance of the way (k,) that a current makes over so long a part of each spell."""
+        return np.asarray(self.current_sigma**2 * np.square(tracked_s).sum(axis=0))
 
 
 @dataclass(frozen=True)
@@ -154,8 +176,9 @@ def planar_motion(
     walk = (
         _walk(density, dt) + settings.sigma_accel_m_s2**2 * _silence(dt, readings_suffice) ** 3 / 12
     )
-    moved = _summed(walk) + _current(readings, t)
+    moved = _summed(walk)
     variance = np.column_stack([moved, moved, course_variance])
+    compass = _compass_errors(mission) if is_heading else (0.0, 1.0, 0.0, 0.0)
     return PlanarMotion(
         t,
         _summed(steps),
@@ -164,7 +187,9 @@ def planar_motion(
         is_heading,
         readings.scale_sigma,
         0.0 if is_heading else _curvature_sigma(mission),
-        *(_compass_errors(mission) if is_heading else ()),
+        *compass,
+        current_sigma=readings.current_sigma,
+        water_spells=readings.water_spells,
     )
 
 
@@ -176,12 +201,6 @@ def _walk(density: Array, dt: Array) -> Array:
 def _told_s(dt: Array) -> Array:
     """For how long each reading tells the speed: half of the step on either side."""
     return np.asarray(0.5 * (np.append(0.0, dt) + np.append(dt, 0.0)))
-
-
-def _current(readings: Speeds, t: Array) -> Array:
-    """Variance that the water's motion has added by times (n,): one velocity all along a spell."""
-    tracked_s = [np.clip(t, first, last) - first for first, last in readings.water_spells]
-    return np.asarray(readings.current_sigma**2 * np.square(tracked_s).sum(axis=0))
 
 
 def _silence(dt: Array, readings_suffice: bool) -> Array:
@@ -215,9 +234,15 @@ def _speeds(mission: Mission, settings: MotionSettings) -> Speeds | None:
         if len(found):
             noise = DvlNoise.model_validate(dvl.noise)
             spells = water_spells([dvl], settings.water_lock_after_s)
-            v_b = found.v_b[:, :2]
-            scale, current = noise.scale_sigma, noise.water_sigma_m_s
-            return Speeds(found.t, v_b, found.sigma, scale, True, current, spells)
+            return Speeds(
+                found.t,
+                found.v_b[:, :2],
+                found.sigma,
+                noise.scale_sigma,
+                by_pings=True,
+                current_sigma=noise.water_sigma_m_s,
+                water_spells=spells,
+            )
     odometry = mission.first("odometry")
     if odometry is None:
         return None

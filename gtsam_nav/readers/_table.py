@@ -77,7 +77,7 @@ def read_table(
     DataError
         Where the file is missing or empty, a column is missing, or a line is malformed.
     """
-    lines = read_lines(path)
+    lines = read_lines(path, whole=False)
     names = _own_names(header_names(lines[0], path), renamed or {}, path)
     needed = list(required)
     or_else = ""

@@ -165,17 +165,17 @@ def first_lines(path: Path, count: int) -> list[str]:
     return list(islice(head.decode("latin-1").splitlines(), count))
 
 
-def stream_lines(path: Path) -> Iterator[tuple[str, float]]:
+def stream_lines(path: Path, *, whole: bool = True) -> Iterator[tuple[str, float]]:
     """Line after line of a text file of any size, with the share of it that has been read.
 
     Bytes that are no UTF-8 are replaced: what they stand in will not be understood; nor will the
-    line where an archive is cut off, which ends in ``CUT_OFF``.
+    line where an archive is cut off, which ends in ``CUT_OFF`` unless it is to be whole.
     """
     rest = b""
     fraction = 0.0
-    for chunk, fraction in read_chunks(path, whole=False):
-        *whole, rest = (rest + chunk).split(b"\n")
-        for line in whole:
+    for chunk, fraction in read_chunks(path, whole=whole):
+        *ended, rest = (rest + chunk).split(b"\n")
+        for line in ended:
             yield line.decode("utf-8", "replace").rstrip("\r"), fraction
     if rest:
         yield rest.decode("utf-8", "replace"), fraction
@@ -187,7 +187,7 @@ def said_of_end(last_line: str) -> Iterator[str]:
         yield "the archive is cut off: it is read as far as it goes"
 
 
-def read_lines(path: Path, encoding: str = "utf-8-sig") -> list[str]:
+def read_lines(path: Path, encoding: str = "utf-8-sig", *, whole: bool = True) -> list[str]:
     """The lines of a text file; the last is empty where the file ends with a line break.
 
     Bytes at the file's end that are no text are one line, and are replaced: it will not be
@@ -198,7 +198,7 @@ def read_lines(path: Path, encoding: str = "utf-8-sig") -> list[str]:
     DataError
         Where the file cannot be read, or holds what is no text before its end.
     """
-    data = b"".join(chunk for chunk, _ in read_chunks(path, whole=False))
+    data = b"".join(chunk for chunk, _ in read_chunks(path, whole=whole))
     if data.endswith(CUT_OFF):
         begin = data.rfind(b"\n") + 1
         if begin == 0:

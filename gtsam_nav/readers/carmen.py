@@ -66,7 +66,7 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
         Where it holds neither a whole scan nor two poses.
     """
     log, line = _Log(), ""
-    for k, (line, fraction) in enumerate(stream_lines(path)):
+    for k, (line, fraction) in enumerate(stream_lines(path, whole=False)):
         if k % 200 == 0:
             progress("read mission", fraction)
         log.add(line)

@@ -77,7 +77,7 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
         Where no sentence tells a position or a heading.
     """
     log, line = _Log(), ""
-    for k, (line, fraction) in enumerate(stream_lines(path)):
+    for k, (line, fraction) in enumerate(stream_lines(path, whole=False)):
         if k % 5000 == 0:
             progress("read mission", fraction)
         log.add(line)

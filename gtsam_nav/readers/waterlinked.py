@@ -53,7 +53,7 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
     clock_s = 0.0
     before = line = ""
     last = False
-    for line, fraction in stream_lines(path):
+    for line, fraction in stream_lines(path, whole=False):
         progress("read mission", fraction)
         if not line.strip():
             continue

@@ -219,17 +219,6 @@ def test_a_compass_that_wanders_makes_the_course_no_worse_than_itself() -> None:
         assert P[5, 5] == pytest.approx(sigma**2, rel=1e-6)
 
 
-def test_a_course_that_the_compass_told_stays_as_wrong_as_the_compass() -> None:
-    bias, slow, white, steps = 0.02, 0.03, 0.01, np.arange(0.0, 100.0, 1.0)
-    motion = by_compass(bias_sigma=bias, disturbance_sigma=slow, white_sigma=white)
-    moving = PlanarVehicle(Mission("m", {}), motion, NO_ERROR, steps, compass_start=True)
-    P = moving.P_start.copy()
-    for _ in steps[1:]:
-        A, noise = moving.advance()
-        P = A @ P @ A.T + noise
-        assert moving.pose_cov(P)[5, 5] == pytest.approx(bias**2 + slow**2 + white**2, rel=1e-6)
-
-
 def test_a_course_that_was_stated_has_the_noise_of_the_first_and_of_the_last_reading() -> None:
     white, stated = 0.01, replace(NO_ERROR, sigma_rpy=np.full(3, 0.02))
     motion = by_compass(bias_sigma=0.5, white_sigma=white)

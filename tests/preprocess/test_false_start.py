@@ -70,3 +70,22 @@ def test_outliers_among_the_good_ones_do_not_hide_it() -> None:
 
 def test_few_fixes_tell_nothing() -> None:
     assert false_start(moved(fixes(duration_s=5.0), slice(0, 2))) == (0, 0.0)
+
+
+@pytest.mark.parametrize("rate_hz", [1.0, 5.0])
+@pytest.mark.parametrize("acceleration_m_s2", [2.0, -2.0, 5.0])
+def test_neither_does_a_hard_start_or_stop(rate_hz: float, acceleration_m_s2: float) -> None:
+    t = np.arange(0.0, 130.0, 1 / rate_hz)
+    speed_m_s = np.clip(acceleration_m_s2 * (t - 40.0), -12.0, 12.0) * (t > 40.0)
+    north = np.cumsum(speed_m_s - min(0.0, 12.0 * np.sign(acceleration_m_s2))) / rate_hz
+    p_n = np.column_stack([north, 0 * t, 0 * t])
+    p_n += 0.02 * np.random.default_rng(0).normal(size=p_n.shape)
+    assert false_start(GnssSeries(t=t, p_n=p_n, sigma=np.full(p_n.shape, 0.02))) == (0, 0.0)
+
+
+def test_neither_does_a_dive() -> None:
+    """At rest, out of the receiver's sight for 40 s at 3 m/s, and at rest again."""
+    t = np.r_[0:20, 60:125].astype(float)
+    p_n = np.column_stack([3.0 * np.clip(t - 20.0, 0.0, 40.0), 0 * t, 0 * t])
+    p_n += 0.3 * np.random.default_rng(0).normal(size=p_n.shape)
+    assert false_start(GnssSeries(t=t, p_n=p_n, sigma=np.full(p_n.shape, 0.3))) == (0, 0.0)

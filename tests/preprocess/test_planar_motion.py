@@ -121,6 +121,15 @@ def test_a_current_moves_the_vehicle_all_along_a_spell_of_water_lock() -> None:
     assert after == pytest.approx(whole, rel=0.01)
 
 
+def test_a_step_late_in_a_spell_of_water_lock_is_as_good_as_an_early_one() -> None:
+    mission = dived(
+        bottom_lock=MINUTE_S < 5.0, valid=np.ones(len(MINUTE_S), dtype=bool), sigma=1e-3
+    )
+    early, late = motion_of(mission).increments(np.array([10.0, 12.0, 50.0, 52.0])).variance[::2, 0]
+    assert late == pytest.approx(early)
+    assert 0.2**2 <= late <= 0.3**2
+
+
 def test_a_compass_is_the_course() -> None:
     mission = rover(duration_s=20.0)
     t, _, course, _ = truth(20.0)
