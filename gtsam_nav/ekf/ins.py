@@ -197,7 +197,10 @@ def _trajectory(states: list[InertialState], P: list[Array]) -> Trajectory:
 def _check_sound(t: Array, states: Array, v_n: Array, cov: Array) -> None:
     """Refuse what only a filter that has diverged says."""
     if not np.all(np.isfinite(states)):
-        raise EstimationError("inertial navigation diverged: the state is not finite")
+        raise EstimationError(
+            "inertial navigation diverged: the state is not finite; a heading would hold it: a"
+            " compass's, 'initial: heading_deg' in the card, or velocities that show it"
+        )
     too_fast = np.linalg.norm(v_n, axis=1) > FASTEST_M_S
     if np.any(too_fast):
         raise EstimationError(

@@ -29,8 +29,8 @@ FIRST_STRETCH_S = 10.0
 """Length of the first stretch of ranges; each next one is twice as long."""
 MOST_RANGES, LEAST_RANGES, LEAST_SHARE = 60, 6, 0.7
 """In the search (more are thinned evenly), and how many, or what share, must fit."""
-AROUND, HEADINGS = 24, 24
-"""Starts on a circle, and turns of the motion at each."""
+AROUND, HEADINGS, DEPTHS = 24, 24, 3
+"""Starts on a circle, turns of the motion at each, and depths where nothing measures them."""
 SAME_DEPTH_M = 1e-2
 """Spread of a depth that is measured, or that the mission says."""
 STEPS = 30
@@ -66,10 +66,10 @@ class Ranges:
     slant: Array
     variance: Array
 
-    @property
-    def level(self) -> Array:
-        """Distances in the plane, shape (k,), m."""
-        return np.sqrt(np.maximum(self.slant**2 - self.height**2, 0.0))
+    def level(self, deeper_m: Array) -> Array:
+        """Distances in the plane, m, of vehicles (s,) so much deeper than expected; (s, k)."""
+        height = self.height - np.reshape(deeper_m, (-1, 1))
+        return np.sqrt(np.maximum(self.slant**2 - height**2, 0.0))
 
 
 @dataclass(frozen=True)
@@ -187,30 +187,33 @@ def _placed(ranges: Ranges, known: Known) -> tuple[Array, Array] | None:
     """The place and its covariance; None where it is not certain, or not the only one."""
     if len(ranges.p) < LEAST_RANGES:
         return None
-    found = _refined(ranges, _starts(ranges, np.isfinite(known.turn)), known)
+    found = _refined(ranges, _starts(ranges, known), known)
     best = int(np.argmin(found.cost))
     x, cov = found.x[best], found.cov[best]
-    if np.mean(found.fits[best]) < LEAST_SHARE or not _is_certain(ranges, cov):
+    if np.mean(found.fits[best]) < LEAST_SHARE or not _is_certain(ranges, x, cov):
         return None
     rivals = are_elsewhere(found.x, x) & (found.cost - found.cost[best] < RIVAL)
     return None if np.any(rivals) else (x, cov)
 
 
-def _is_certain(ranges: Ranges, cov: Array) -> bool:
+def _is_certain(ranges: Ranges, x: Array, cov: Array) -> bool:
     sigma_m = float(np.sqrt(np.linalg.eigvalsh(cov[:2, :2])[-1]))
-    near_m = float(np.median(ranges.level))
+    near_m = float(np.median(ranges.level(x[3])))
     return bool(np.sqrt(cov[2, 2]) <= MOST_SIGMA_RAD and sigma_m <= MOST_SIGMA_SHARE * near_m)
 
 
-def _starts(ranges: Ranges, north_up: bool) -> Array:
-    """Places (s, 4) all along the circle of the middle range, at every heading."""
+def _starts(ranges: Ranges, known: Known) -> Array:
+    """Places (s, 4) all along the circle of the middle range, at every heading and depth."""
     k = len(ranges.p) // 2
+    north_up, knows_depth = np.isfinite(known.turn), known.deeper <= SAME_DEPTH_M
     turns = np.zeros(1) if north_up else np.arange(HEADINGS) * 2 * np.pi / HEADINGS
+    depths = np.zeros(1) if knows_depth else np.linspace(0.0, known.deeper, DEPTHS)
     around = np.arange(AROUND) * 2 * np.pi / AROUND
-    turn, angle = (grid.ravel() for grid in np.meshgrid(turns, around))
-    on_circle = np.column_stack([np.cos(angle), np.sin(angle)]) * ranges.level[k]
+    turn, angle, deeper = (grid.ravel() for grid in np.meshgrid(turns, around, depths))
+    radius = ranges.level(deeper)[:, k, None]
+    on_circle = np.column_stack([np.cos(angle), np.sin(angle)]) * radius
     here = rotated(np.broadcast_to(ranges.p[k], on_circle.shape), turn)
-    return np.column_stack([ranges.beacon[k] + on_circle - here, turn, np.zeros(len(turn))])
+    return np.column_stack([ranges.beacon[k] + on_circle - here, turn, deeper])
 
 
 def _refined(ranges: Ranges, x: Array, known: Known) -> Places:

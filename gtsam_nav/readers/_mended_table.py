@@ -83,7 +83,7 @@ def onto_one_day(
     said: list[str] = []
     for name, sensor in sensors.items():
         t = sensor.series.t
-        early = crossing and t[0] >= 0.0 and t[-1] < min(own[0] for own in crossing)
+        early = bool(crossing) and t[0] > 0.0 and t[-1] < min(own[0] for own in crossing)
         if not early or t[0] + DAY_S > max(own[-1] for own in crossing):
             continue
         sensors[name] = replace(sensor, series=sensor.series.shift(DAY_S))

@@ -160,6 +160,15 @@ def test_ranges_to_deeper_beacons_tell_the_depth() -> None:
     assert score.nees.mean < 4.0
 
 
+@pytest.mark.parametrize("depth_m", [40.0, 80.0])
+def test_a_mission_that_begins_deep_finds_its_start(depth_m: float) -> None:
+    """Its slant ranges are shorter than the beacons are deep."""
+    mission = ranged(4, BEACONS_N + np.array([0.0, 0.0, 100.0]), depth_m=depth_m)
+    found = start_of(mission)
+    assert found is not None
+    np.testing.assert_allclose(found.p_n, [2.0, -1.0, depth_m], atol=1.5)
+
+
 def test_ranges_without_ids_tell_nothing() -> None:
     mission = ranged()
     seen = mission.sensors["landmarks"]
