@@ -28,7 +28,7 @@ def depth_spread_m(mission: Mission, use_map: bool) -> float:
     As deep as the beacons lie in the mean square. The start may be wherever the mission says.
     """
     known, stays = mission.landmark_map, mission.constraints
-    told = any(mission.of_type(kind) for kind in TELL_DEPTH) or mission.edges is not None
+    told = _may_change(mission)
     if (
         known is None
         or not len(known.id)
@@ -45,8 +45,18 @@ def depth_spread_m(mission: Mission, use_map: bool) -> float:
     return float(np.sqrt(np.mean(below_m**2))) if np.all(below_m > DEEPER_M) else 0.0
 
 
+def _may_change(mission: Mission) -> bool:
+    """Whether something tells changes of the depth."""
+    return any(mission.of_type(kind) for kind in TELL_DEPTH) or mission.edges is not None
+
+
 def said_of_depth(mission: Mission, use_map: bool, *, estimated: bool) -> Iterator[str]:
     """What a method says of a depth that it estimates by ranges, or that it takes for granted."""
+    if mission.constraints.constant_depth and _may_change(mission):
+        yield (
+            "'constraints: {constant_depth: true}' counts where nothing but odometry tells the"
+            " motion: it is not used here; a depth sensor's log holds a depth"
+        )
     if depth_spread_m(mission, use_map):
         depth_m = float(align(mission).p_n[2])
         done = "estimated by ranges to deeper beacons" if estimated else f"held at {depth_m:g} m"

@@ -263,6 +263,7 @@ def _smooth_each_axis(
         everything, variance = np.ones(len(z.t), dtype=bool), np.interp(t, z.t, z.sigma**2)
         return [(np.interp(t, z.t, axis), variance, everything) for axis in z.v_b.T]
     from gtsam_nav.preprocess._trend import smooth_trend
+    from gtsam_nav.preprocess.manoeuvres import in_manoeuvres
 
     # between readings, the grid's own times are readings that say nothing
     silent = t[t > z.t[0]]
@@ -273,12 +274,20 @@ def _smooth_each_axis(
     out = []
     for axis in range(3):
         readings = np.append(z.v_b[:, axis], np.zeros(len(silent)))[order]
-        level, _, level_variance, used = smooth_trend(
+        level, _, level_variance, passed = smooth_trend(
             times, readings, variance, densities[axis], 0.0, 0.0, gate
         )
+        used = passed[is_reading]
+        believed = in_manoeuvres(z.t, z.v_b[:, axis], z.sigma, ~used)
+        if np.any(believed):
+            used |= believed
+            known = np.append(np.where(used, z.sigma**2, np.inf), np.full(len(silent), np.inf))
+            level, _, level_variance, _ = smooth_trend(
+                times, readings, known[order], densities[axis], 0.0, 0.0, np.inf
+            )
         before_s = np.maximum(z.t[0] - t, 0.0)
         variance_on_grid = np.interp(t, times, level_variance) + densities[axis] * before_s
-        out.append((np.interp(t, times, level), variance_on_grid, used[is_reading]))
+        out.append((np.interp(t, times, level), variance_on_grid, used))
     return out
 
 

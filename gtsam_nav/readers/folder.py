@@ -70,6 +70,11 @@ EXPECTS = f"a folder with {MISSION_FILE}"
 
 DATA_SUFFIXES = (".csv", ".csv.gz", ".npz")
 MOST_NAMED = 10
+MENDED = {
+    OFF_THE_GLOBE: OFF_THE_GLOBE_MENDED,
+    "implausible speed": "; 'noise: {max_speed_m_s: ...}' says how fast it may be",
+}
+"""What a card says where all samples of a sensor are refused for a reason."""
 
 Cleaned = tuple[Series | None, list[Rejection]]
 
@@ -181,8 +186,7 @@ class _Reading:
             self.warnings.append(
                 f"sensor '{name}' is left out: {entry.file} holds no valid sample "
                 f"({len(rejections)} dropped{mostly})"
-                + OFF_THE_GLOBE_MENDED
-                * mostly.endswith(OFF_THE_GLOBE)
+                + "".join(mend for reason, mend in MENDED.items() if mostly.endswith(reason))
             )
             return
         if entry.drop_repeats:

@@ -196,6 +196,18 @@ def test_spikes_are_rejected_and_named() -> None:
     np.testing.assert_allclose(motion.v_b, np.tile(V_B, (len(motion.t), 1)), atol=1e-9)
 
 
+def test_a_vehicle_that_speeds_up_is_followed() -> None:
+    clean = dvl()
+    assert isinstance(clean.series, DvlSeries)
+    v_d = clean.series.v_d.copy()
+    v_d[:, 0] = 2.5 * np.clip((clean.series.t - 20.0) / 3.0, 0.0, 1.0)
+    motion = moved(replace(clean, series=replace(clean.series, v_d=v_d)))
+    assert motion.rejections == ()
+    speed = np.linalg.norm(motion.v_b, axis=1)
+    assert speed[motion.t < 15.0].max() < 0.2
+    assert speed[motion.t > 28.0].min() > 2.3
+
+
 def test_the_lever_arm_of_the_dvl_is_taken_off() -> None:
     rate, arm_b = 0.2, np.array([1.5, 0.0, 0.3])
     turn = imu(np.array([0.0, 0.0, rate]), np.eye(3), np.zeros(3))

@@ -31,7 +31,8 @@ COASTING_STEP_S = 0.1
 
 def preintegrable(mission: Mission, min_rate_hz: float) -> Sensor | None:
     """The first IMU that samples fast enough, or at all where nothing else tells the velocity."""
-    longest_s = 1.0 / min_rate_hz if measures_velocity(mission) else np.inf
+    # stamps are rounded
+    longest_s = 1.01 / min_rate_hz if measures_velocity(mission) else np.inf
     for imu in mission.of_type("imu"):
         if len(imu.series) > 1 and np.median(np.diff(imu.series.t)) <= longest_s:
             return imu
