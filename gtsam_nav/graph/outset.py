@@ -34,6 +34,7 @@ from gtsam_nav.preprocess.motion import (
     velocity_sensor,
 )
 from gtsam_nav.preprocess.planar_motion import planar_motion
+from gtsam_nav.sensors.orientation import headings_true
 from gtsam_nav.series import ImuSeries
 from gtsam_nav.solution import Progress, StageClock
 
@@ -168,19 +169,23 @@ def _start_on_map(mission: Mission, config: Config) -> Alignment | None:
 
 def mission_keyframes(mission: Mission, t_scans: Array, t_clouds: Array, config: Config) -> Array:
     """Keyframes at edges' poses, scans, clouds and sightings; where the IMU carries all, at fixes
-    and silences too; and often where a compass alone tells the turns."""
+    and silences too; and often where, or while, a compass alone tells the turns."""
     stated = None if mission.edges is None else np.unique(mission.edges.t)
     if stated is not None and moves_by_edges(mission):  # there is nothing between their poses
         return stated
     anchors = [t_scans, t_clouds, *(sensor.series.t for sensor in mission.of_type("landmarks"))]
     interval_s = config.graph.keyframe_interval_s
     imu = preintegrable(mission, config.graph.imu_min_rate_hz)
-    if imu is not None and not measures_velocity(mission):
+    if imu is not None:
         assert isinstance(imu.series, ImuSeries)
-        anchors += [silences(imu.series, *mission.span_s).ravel()]
-        anchors += [sensor.series.t for sensor in mission.of_type("gnss")]
-        if rolls(mission, config):
-            interval_s = min(interval_s, ROLLING_INTERVAL_S)
+        silent = silences(imu.series, *mission.span_s)
+        if not measures_velocity(mission):
+            anchors += [silent.ravel(), *(sensor.series.t for sensor in mission.of_type("gnss"))]
+            if rolls(mission, config):
+                interval_s = min(interval_s, ROLLING_INTERVAL_S)
+        elif headings_true(mission) is not None:
+            step_s = _compass_interval_s(mission)
+            anchors += [np.append(np.arange(a, b, step_s), b) for a, b in silent if b - a > step_s]
     if turned_by_compass(mission):
         interval_s = min(interval_s, _compass_interval_s(mission))
     merged = merged_anchors(anchors, config.graph.anchor_spacing_s, stated)

@@ -54,6 +54,18 @@ def test_the_disturbance_cannot_stray_far_between_keyframes(compass_alone: Missi
     assert np.max(spacing(with_disturbance(compass_alone, 0.0, 60.0))) > 0.9 * interval_s
 
 
+def test_while_the_imu_is_silent_the_compass_is_looked_at_often() -> None:
+    mission = gn.simulate("marina", seed=1, duration_s=60.0).without("landmarks", "sonar")
+    imu = mission.sensors["imu"]
+    heard = (imu.series.t < 20.0) | (imu.series.t > 50.0)
+    silent = mission.with_sensor(replace(imu, series=imu.series.select(heard)))
+    before, after = (mission_keyframes(m, NONE, NONE, Config()) for m in (mission, silent))
+    assert np.max(np.diff(before)) > 4.0
+    within = after[(after >= 19.9) & (after <= 50.1)]
+    assert np.max(np.diff(within)) <= COMPASS_INTERVAL_S + 1e-9
+    assert np.max(np.diff(after[after >= 50.0])) > 4.0
+
+
 def test_a_long_mission_gets_no_more_keyframes_for_it(compass_alone: Mission) -> None:
     compass = compass_alone.sensors["heading"]
     late = replace(compass.series, t=compass.series.t + 3 * MOST_BY_COMPASS)
