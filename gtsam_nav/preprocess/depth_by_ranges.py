@@ -27,16 +27,9 @@ def depth_spread_m(mission: Mission, use_map: bool) -> float:
 
     As deep as the beacons lie in the mean square. The start may be wherever the mission says.
     """
-    known, stays = mission.landmark_map, mission.constraints
-    told = _may_change(mission)
-    if (
-        known is None
-        or not len(known.id)
-        or not use_map
-        or told
-        or stays.constant_depth
-        or stays.nonholonomic
-    ):
+    known, constraints = mission.landmark_map, mission.constraints
+    is_known = constraints.constant_depth or constraints.nonholonomic or _may_change(mission)
+    if is_known or not use_map or known is None or not len(known.id):
         return 0.0
     sighted = [sensor.series for sensor in mission.of_type("landmarks")]
     if not any(isinstance(s, LandmarkSeries) and s.range_m is not None for s in sighted):

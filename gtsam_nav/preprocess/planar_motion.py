@@ -61,8 +61,8 @@ class PlanarMotion:
         Spread of the constant error of the turns, rad a metre.
     disturbance_sigma, disturbance_time_s : float
         Of the compass's Gauss-Markov error, whose walk ``variance`` holds; zero without a compass.
-    bias_sigma, white_sigma : float
-        Of the compass's constant error, and of the noise that each ``course`` has of it, rad.
+    white_sigma : float
+        Of the compass's noise that each ``course`` has, rad.
     current_sigma : float
         Of the water's motion, m/s, that the speeds miss in the ``water_spells``, shape (k, 2).
     """
@@ -76,7 +76,6 @@ class PlanarMotion:
     curvature_sigma: float
     disturbance_sigma: float = 0.0
     disturbance_time_s: float = 1.0
-    bias_sigma: float = 0.0
     white_sigma: float = 0.0
     current_sigma: float = 0.0
     water_spells: Array = field(default_factory=lambda: np.empty((0, 2)))
@@ -178,7 +177,7 @@ def planar_motion(
     )
     moved = _summed(walk)
     variance = np.column_stack([moved, moved, course_variance])
-    compass = _compass_errors(mission) if is_heading else (0.0, 1.0, 0.0, 0.0)
+    compass = _compass_errors(mission) if is_heading else (0.0, 1.0, 0.0)
     return PlanarMotion(
         t,
         _summed(steps),
@@ -270,7 +269,7 @@ def _course(
     """
     headings = headings_true(mission)
     if headings is not None and len(headings) > 1:
-        disturbance, time_s, _, _ = _compass_errors(mission)
+        disturbance, time_s, _ = _compass_errors(mission)
         density = 2 * disturbance**2 / time_s
         course = np.interp(t, headings.t, np.unwrap(headings.heading))
         return course, density * (t - t[0]), True
@@ -285,15 +284,15 @@ def _course(
     return np.interp(t, t_rate, turned), np.interp(t, t_rate, _summed(walk)), False
 
 
-def _compass_errors(mission: Mission) -> tuple[float, float, float, float]:
-    """Spread (rad) and correlation time (s) of the compass's slow error, spread of its constant
-    one and of its noise."""
+def _compass_errors(mission: Mission) -> tuple[float, float, float]:
+    """Spread (rad) and correlation time (s) of the compass's slow error, and spread of its
+    noise."""
     compass = mission.first("heading")
     assert compass is not None
     assert isinstance(compass.series, HeadingSeries)
     noise = HeadingNoise.model_validate(compass.noise)
-    slow, constant = np.radians([noise.disturbance_sigma_deg, noise.bias_sigma_deg]).tolist()
-    return slow, noise.disturbance_time_s, constant, float(np.median(compass.series.sigma))
+    slow = float(np.radians(noise.disturbance_sigma_deg))
+    return slow, noise.disturbance_time_s, float(np.median(compass.series.sigma))
 
 
 def _yaw_rates(mission: Mission) -> tuple[Array, Array, Array]:

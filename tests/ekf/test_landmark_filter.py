@@ -221,7 +221,7 @@ def test_a_compass_that_wanders_makes_the_course_no_worse_than_itself() -> None:
 
 def test_a_course_that_was_stated_has_the_noise_of_the_first_and_of_the_last_reading() -> None:
     white, stated = 0.01, replace(NO_ERROR, sigma_rpy=np.full(3, 0.02))
-    motion = by_compass(bias_sigma=0.5, white_sigma=white)
+    motion = by_compass(white_sigma=white)
     moving = PlanarVehicle(Mission("m", {}), motion, stated, np.arange(0.0, 5.0))
     expected = pytest.approx(0.02**2 + 2 * white**2, rel=1e-6)
     assert moving.pose_cov(moving.P_start)[5, 5] == expected
