@@ -1,15 +1,17 @@
 """Landmarks on recorded data: ``python -m benchmarks.landmarks [--data PATH] [--json FILE]``.
 
-Five ground robots of MRCLAM data set 6 (``PATH/mrclam6``), graph against ``landmark-ekf``, the
-surveyed map not used, with the sensor's ids and without; Plaza (ranges to beacons that are 7 % too
-long) with the range scale as a state and without; Victoria Park without ids, against the solution
-with ids at the same noise. The last two come with GTSAM. Ids tell how pure an association is; no
-estimator sees them there. ``--only`` picks some of the parts.
+What the cameras of the robots measure, range or depth, by pairs of surveyed landmarks in one
+picture (``camera``). Five ground robots of MRCLAM data set 6 (``PATH/mrclam6``), graph against
+``landmark-ekf``, the surveyed map not used, with the sensor's ids and without; Plaza (ranges to
+beacons that are 7 % too long) with the range scale as a state and without; Victoria Park without
+ids, against the solution with ids at the same noise. The last two come with GTSAM. Ids tell how
+pure an association is; no estimator sees them there. ``--only`` picks some of the parts.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import time
 from collections import Counter
@@ -27,7 +29,8 @@ from gtsam_nav.series import IntArray, LandmarkSeries
 
 ROBOTS = (1, 2, 3, 4, 5)
 PLAZA = ("Plaza1", "Plaza2")
-PARTS = ("mrclam", "withheld", "plaza", "victoria")
+PARTS = ("camera", "mrclam", "withheld", "plaza", "victoria")
+SCALES = np.arange(0.95, 1.12, 0.002)
 SLAM = "landmarks.use_map=false"
 WITHHELD = "landmarks.association=joint"
 
@@ -140,6 +143,58 @@ def mrclam(data: Path, withheld: bool) -> list[LandmarkRun]:
     ]
 
 
+@dataclass(frozen=True)
+class Camera:
+    """How well one reading of a camera's figures fits the survey, with the scale that fits best.
+
+    ``misfit_m`` is the median absolute error of the distance between two landmarks in one picture.
+    """
+
+    mission: str
+    taken_for: str
+    pairs: int
+    scale: float
+    misfit_m: float
+
+    def text(self) -> str:
+        """One line of the table."""
+        return (
+            f"{self.mission:14} taken for a {self.taken_for:6} {self.scale - 1:+.3f} too long:"
+            f" pairs off by {self.misfit_m:.3f} m ({self.pairs} pairs)"
+        )
+
+
+def camera(data: Path) -> list[Camera]:
+    """Ranges along the ray against depths along the camera's axis, without the robots' paths."""
+    found = []
+    for robot in ROBOTS:
+        mission = gn.open_mission(data / "mrclam6" / f"Robot{robot}")
+        series, survey = mission.sensors["landmarks"].series, mission.landmark_map
+        assert isinstance(series, LandmarkSeries)
+        assert series.range_m is not None
+        assert series.bearing is not None
+        assert survey is not None
+        pairs = [
+            (a, b)
+            for picture in np.split(np.arange(len(series.t)), np.flatnonzero(np.diff(series.t)) + 1)
+            for a, b in itertools.combinations(picture.tolist(), 2)
+        ]
+        at = survey.p_n[np.searchsorted(survey.id, series.id)][:, :2]
+        a, b = np.array(pairs).T
+        surveyed_m = np.linalg.norm(at[a] - at[b], axis=1)
+        for taken_for, share in (("range", 1.0), ("depth", np.cos(series.bearing))):
+            seen = series.range_m / share * np.exp(1j * series.bearing)
+            misfits = [
+                float(np.median(np.abs(np.abs(seen[a] - seen[b]) / scale - surveyed_m)))
+                for scale in SCALES
+            ]
+            best = int(np.argmin(misfits))
+            row = Camera(mission.name, taken_for, len(pairs), float(SCALES[best]), misfits[best])
+            print(row.text(), flush=True)
+            found.append(row)
+    return found
+
+
 def plaza() -> list[LandmarkRun]:
     """Both drives, with the range scale as a state and with ranges taken for true."""
     runs = []
@@ -179,7 +234,11 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", choices=PARTS, default=PARTS, help="some parts")
     arguments = parser.parse_args()
     runs: list[LandmarkRun] = []
+    cameras: list[Camera] = []
     for part in arguments.only:
+        if part == "camera":
+            cameras += camera(arguments.data)
+            continue
         if part in ("mrclam", "withheld"):
             found = mrclam(arguments.data, withheld=part == "withheld")
             means(found)
@@ -187,7 +246,10 @@ def main() -> None:
             found = plaza() if part == "plaza" else victoria()
         runs += found
     if arguments.json:
-        document = {"landmarks": [asdict(r) for r in runs]}
+        document = {
+            "cameras": [asdict(c) for c in cameras],
+            "landmarks": [asdict(r) for r in runs],
+        }
         arguments.json.write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
 
 

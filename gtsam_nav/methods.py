@@ -159,6 +159,7 @@ def estimate(
     from gtsam_nav.preprocess.agility import fitted_to
     from gtsam_nav.preprocess.false_start import without_false_starts
     from gtsam_nav.preprocess.gnss_policy import split_fixes
+    from gtsam_nav.preprocess.slant_ranges import with_slant_ranges
     from gtsam_nav.preprocess.stamp_units import check_stamp_units
     from gtsam_nav.preprocess.turning import (
         bounded_by_way,
@@ -178,7 +179,7 @@ def estimate(
 
         blind = inject(blind, faults, config.seed)
     _check_faults(method, blind)
-    blind = without_false_starts(blind)
+    blind = with_slant_ranges(without_false_starts(blind))
     motion, notes = fitted_to(blind, config.motion)
     config = config.model_copy(update={"motion": motion})
     notes = (*notes, *warnings_on_turns(method, blind), *_warnings_on_edges(method, blind))

@@ -197,16 +197,19 @@ class LandmarkNoise(Settings):
 
     Successive sightings may share part of their error, whatever they are of (late stamps, the
     camera's mounting, slip between them): ``correlated_share`` is the share of the variance that
-    they do, forgetting itself over ``correlation_time_s``. ``range_scale_sigma`` is the spread of
-    the constant share by which ranges are too long (a wrong sound speed): above zero it is
-    estimated.
+    they do, forgetting itself over ``correlation_time_s``. Ranges are too long by the share
+    ``range_scale``, and by a constant one of spread ``range_scale_sigma`` about it (a wrong sound
+    speed), which is estimated where that is above zero. With ``range_along_axis`` they are depths:
+    along the sensor's x axis, not along the ray.
     """
 
     sigma_range_m: float = Field(default=0.5, gt=0)
     sigma_bearing_deg: float = Field(default=2.0, gt=0)
     correlated_share: float = Field(default=0.0, ge=0, lt=1)
     correlation_time_s: float = Field(default=3.0, gt=0)
+    range_scale: float = Field(default=0.0, gt=-1)
     range_scale_sigma: float = Field(default=0.0, ge=0)
+    range_along_axis: bool = False
 
 
 class SonarNoise(Settings):

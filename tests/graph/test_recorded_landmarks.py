@@ -22,7 +22,7 @@ def test_a_robot_among_barcodes_is_no_worse_than_by_the_filter(recorded_data: Pa
     )
     assert graph is not None
     assert filtered is not None
-    assert graph.rmse <= min(0.15, filtered.rmse)
+    assert graph.rmse <= min(0.1, filtered.rmse)
 
 
 @pytest.mark.slow
