@@ -158,7 +158,9 @@ def estimate(
     from gtsam_nav.evaluation.contradictions import contradictions
     from gtsam_nav.preprocess.agility import fitted_to
     from gtsam_nav.preprocess.false_start import without_false_starts
+    from gtsam_nav.preprocess.fix_steps import with_fix_steps
     from gtsam_nav.preprocess.gnss_policy import split_fixes
+    from gtsam_nav.preprocess.poorer_fixes import with_poorer_fixes
     from gtsam_nav.preprocess.stamp_units import check_stamp_units
     from gtsam_nav.preprocess.turning import (
         bounded_by_way,
@@ -178,8 +180,8 @@ def estimate(
 
         blind = inject(blind, faults, config.seed)
     _check_faults(method, blind)
-    blind = without_false_starts(blind)
     motion, notes = fitted_to(blind, config.motion)
+    blind = with_poorer_fixes(with_fix_steps(without_false_starts(blind), motion))
     config = config.model_copy(update={"motion": motion})
     notes = (*notes, *warnings_on_turns(method, blind), *_warnings_on_edges(method, blind))
     blind = replace(blind, warnings=(*blind.warnings, *notes))
