@@ -161,6 +161,7 @@ def estimate(
     from gtsam_nav.preprocess.fix_steps import with_fix_steps
     from gtsam_nav.preprocess.gnss_policy import split_fixes
     from gtsam_nav.preprocess.poorer_fixes import with_poorer_fixes
+    from gtsam_nav.preprocess.receivers import with_best_receiver_first
     from gtsam_nav.preprocess.stamp_units import check_stamp_units
     from gtsam_nav.preprocess.turning import (
         bounded_by_way,
@@ -182,6 +183,7 @@ def estimate(
     _check_faults(method, blind)
     motion, notes = fitted_to(blind, config.motion)
     blind = with_poorer_fixes(with_fix_steps(without_false_starts(blind), motion))
+    blind = with_best_receiver_first(blind)
     config = config.model_copy(update={"motion": motion})
     notes = (*notes, *warnings_on_turns(method, blind), *_warnings_on_edges(method, blind))
     blind = replace(blind, warnings=(*blind.warnings, *notes))

@@ -28,6 +28,7 @@ from gtsam_nav.methods import runnable_methods
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.pose_edges import EDGES
 from gtsam_nav.preprocess.edge_loops import n_loops
+from gtsam_nav.preprocess.receivers import with_best_receiver_first
 
 
 @dataclass(frozen=True)
@@ -115,7 +116,7 @@ def audit(mission: Mission) -> Audit:
     together = mission.without(*away)
     exchanged = tuple(exchanged_findings(together))
     together = together.without(*(str(f.sensor) for f in exchanged))
-    compared = compare(together)
+    compared = compare(with_best_receiver_first(together))
 
     def findings() -> Iterator[Finding]:
         for timing in timings:
