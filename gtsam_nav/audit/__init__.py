@@ -14,6 +14,7 @@ from gtsam_nav.audit.heading import HeadingAgainstCourse
 from gtsam_nav.audit.motion import DvlLock, dvl_lock, initial_rest_s, lock_findings
 from gtsam_nav.audit.place import place_findings
 from gtsam_nav.audit.repeats import repeat_findings, stuck_findings
+from gtsam_nav.audit.sigmas import sigma_findings
 from gtsam_nav.audit.sonar import SonarHead, sonar_findings, sonar_head
 from gtsam_nav.audit.sonar_map import map_findings, map_likeness, sweeps_of
 from gtsam_nav.audit.timing import (
@@ -128,6 +129,8 @@ def audit(mission: Mission) -> Audit:
             if sensor.type != "reference":
                 yield from repeat_findings(sensor)
         yield from (*places, *exchanged)
+        for receiver in mission.of_type("gnss"):
+            yield from sigma_findings(receiver)
         for lock in dvls:
             yield from lock_findings(lock)
         yield from comparison_findings(together, compared)
