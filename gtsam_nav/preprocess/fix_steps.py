@@ -34,6 +34,7 @@ BESIDE = 3
 """Steps on either side that tell what a step usually lacks."""
 LASTING_S, FEWEST_FIXES = 15.0, 6
 """A jump counts where the fixes stay on its other side for half of this: outliers come back."""
+MOST_SAID = 3
 WORSE = 1.5
 """A sigma that is so many times another's is a worse solution's."""
 
@@ -95,6 +96,9 @@ def shared_offsets(
         if off_m > near_m:
             offset[stretch.first : stretch.stop] = off_m / np.sqrt(2)
             said.append(_said(fixes.t, stretch, off_m, name))
+    more = len(said) - MOST_SAID
+    if more > 0:
+        said[MOST_SAID:] = [f"so do those of {more} further stretches of '{name}'"]
     return offset, tuple(said)
 
 
@@ -102,13 +106,18 @@ def _lacking(fixes: GnssSeries, path: AntennaPath) -> Array:
     """What each step of the fixes has beyond the motion, (n - 1, 2) m, where a few beside it have
     not: a current, a wrong heading or an accelerometer's bias is in all of them."""
     steps_s = np.diff(fixes.t)
-    rate = (np.diff(fixes.p_n[:, :2], axis=0) - np.diff(path.p, axis=0)) / steps_s[:, None]
-    padded = np.pad(rate, ((BESIDE, BESIDE), (0, 0)), mode="reflect")
-    beside = [padded[k : k + len(rate)] for k in range(2 * BESIDE + 1) if k != BESIDE]
-    lacking = (rate - np.median(beside, axis=0)) * steps_s[:, None]
+    lacking = _beyond_those_beside(fixes.p_n[:, :2] - path.p, steps_s)
     # what happened while the receiver was silent nothing tells
     lacking[steps_s > SILENT_STEPS * np.median(steps_s)] = 0.0
-    return np.asarray(lacking)
+    return lacking
+
+
+def _beyond_those_beside(values: Array, steps_s: Array) -> Array:
+    """Steps of values (n, 2) less what they would be by the usual rate beside them."""
+    rate = np.diff(values, axis=0) / steps_s[:, None]
+    padded = np.pad(rate, ((BESIDE, BESIDE), (0, 0)), mode="reflect")
+    beside = [padded[k : k + len(rate)] for k in range(2 * BESIDE + 1) if k != BESIDE]
+    return np.asarray((rate - np.median(beside, axis=0)) * steps_s[:, None])
 
 
 def _jumps(fixes: GnssSeries, path: AntennaPath, lacking: Array) -> list[int]:
@@ -117,9 +126,7 @@ def _jumps(fixes: GnssSeries, path: AntennaPath, lacking: Array) -> list[int]:
     sigma = np.sqrt(variance[1:] + variance[:-1] + np.diff(path.variance))
     size = np.linalg.norm(lacking, axis=1)
     usual = BEYOND * float(np.percentile(size, MOST_PERCENTILE))
-    around = np.pad(path.v, ((1, 1), (0, 0)), mode="edge")
-    manoeuvre = LATE_S * np.linalg.norm(around[3:] - around[:-3], axis=1)
-    limit = np.maximum(JUMP_SIGMAS * sigma + manoeuvre, max(usual, LEAST_JUMP_M))
+    limit = np.maximum(JUMP_SIGMAS * sigma + _by_lateness(fixes, path), max(usual, LEAST_JUMP_M))
     chosen: list[int] = []
     for k in np.flatnonzero(size > limit).tolist():
         if chosen and k - chosen[-1] <= BESIDE:
@@ -128,6 +135,15 @@ def _jumps(fixes: GnssSeries, path: AntennaPath, lacking: Array) -> list[int]:
             chosen.append(k)
     level = np.vstack([np.zeros(2), np.cumsum(lacking, axis=0)])
     return [k for k in chosen if _lasts(fixes.t, level, lacking[k], k)]
+
+
+def _by_lateness(fixes: GnssSeries, path: AntennaPath) -> Array:
+    """What late fixes may lack in each step: a velocity that changes is seen later by them."""
+    steps_s = np.diff(fixes.t)
+    jerk = np.linalg.norm(_beyond_those_beside(path.v, steps_s), axis=1)
+    reach = min(int(np.ceil(LATE_S / np.median(steps_s))), len(jerk) - 1)
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(jerk, reach), 2 * reach + 1)
+    return np.asarray(LATE_S * around.max(axis=1))
 
 
 def _lasts(t: Array, level: Array, jump: Array, k: int) -> bool:

@@ -69,6 +69,16 @@ def test_a_solution_that_is_lost_and_comes_back_is_right_again() -> None:
     assert len(np.unique(offset)) == 3
 
 
+def test_many_losses_are_told_of_at_once() -> None:
+    fixes, path = boat(2, rate_hz=5.0)
+    for first in range(100, 800, 125):
+        fixes = moved(fixes, slice(first, first + 60))
+    offset, said = shared_offsets(fixes, path, "gnss")
+    assert np.count_nonzero(offset) == 6 * 60
+    assert len(said) == 4
+    assert said[-1] == "so do those of 3 further stretches of 'gnss'"
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_good_fixes_have_no_jump(seed: int) -> None:
     for sigma, rate_hz in ((0.02, 1.0), (0.02, 5.0), (1.5, 1.0)):
