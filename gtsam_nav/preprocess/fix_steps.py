@@ -141,6 +141,7 @@ def _by_lateness(fixes: GnssSeries, path: AntennaPath) -> Array:
     """What late fixes may lack in each step: a velocity that changes is seen later by them."""
     steps_s = np.diff(fixes.t)
     jerk = np.linalg.norm(_beyond_those_beside(path.v, steps_s), axis=1)
+    jerk = np.maximum(jerk - 2 * np.median(jerk), 0.0)  # noise is no manoeuvre
     reach = min(int(np.ceil(LATE_S / np.median(steps_s))), len(jerk) - 1)
     around = np.lib.stride_tricks.sliding_window_view(np.pad(jerk, reach), 2 * reach + 1)
     return np.asarray(LATE_S * around.max(axis=1))
