@@ -7,33 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gtsam_nav.audit.lagged_products import FEWEST_WINDOWS, WINDOWS_S, Signal, lagged_products
 from gtsam_nav.audit.significance import FALSE_ALARM, losses, prefers, quantile
 from gtsam_nav.frames import Array
-from gtsam_nav.series import BoolArray
 
-WINDOWS_S = (10.0, 30.0, 60.0)
-"""Within so long neither sensor is taken to drift away from a straight line: slow errors call for
-the shorter, slow vehicles for the longer."""
 LONGEST_LAG_S = 5.0
 """Of the search at full resolution, which begins where one in coarse steps has led."""
 FARTHEST_LAG_S, COARSE_STEP_S = 40.0, 0.2
 """GPS time is 18 s ahead of UTC."""
 MOST_LAGS = 100
-FEWEST_WINDOWS, FEWEST_IN_WINDOW = 6, 8
-MOST_WINDOWS = 500
-"""Of a long mission some will do."""
 ALIAS_FALSE_ALARM = 0.05
 """Probability that noise alone tells what is likelier beforehand from what is less so."""
-GAP_STEPS, GAP_SHARE = 10.0, 0.1
-"""A silence of more steps, and of a larger share of the window, is not interpolated over."""
-
-
-@dataclass(frozen=True)
-class Signal:
-    """Times (n,), s, and values (n,) of what a sensor measures."""
-
-    t: Array
-    values: Array
 
 
 @dataclass(frozen=True)
@@ -100,12 +84,6 @@ class Verdict:
     unrivalled: bool
 
 
-def integrated(t: Array, rate: Array) -> Signal:
-    """The integral of a rate by the trapezoidal rule."""
-    steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(t)
-    return Signal(t, np.concatenate([[0.0], np.cumsum(steps)]))
-
-
 def agreement(y: Signal, x: Signal) -> Agreement | None:
     """Compare two signals of the same quantity, in whatever units.
 
@@ -134,7 +112,7 @@ def agreement(y: Signal, x: Signal) -> Agreement | None:
         return None
     far_s, unrivalled = far
     moved = Signal(x.t - far_s, x.values)
-    windows = _windows(y, moved, step_s, n_lags)
+    windows = lagged_products(y, moved, step_s, n_lags)
     told = _fastest(list(_told(windows, step_s, moved_s=far_s)))
     if told is None:
         return None
@@ -153,7 +131,7 @@ def _far_lag(y: Signal, x: Signal, step_s: float, reach_s: float) -> tuple[float
     overlap_s = min(y.t[-1], x.t[-1]) - max(y.t[0], x.t[0])
     spared_s = 0.5 * (overlap_s - FEWEST_WINDOWS * WINDOWS_S[0])
     n_lags = int(max(min(FARTHEST_LAG_S, spared_s), reach_s) / step_s)
-    windows = list(_windows(y, x, step_s, n_lags))
+    windows = list(lagged_products(y, x, step_s, n_lags))
     told = _fastest(list(_told(windows, step_s, reach_s)))
     if told is not None:
         lag_s = told.agreement.lag_s
@@ -179,23 +157,6 @@ def _told(
             yield told
 
 
-def _windows(y: Signal, x: Signal, step_s: float, n_lags: int) -> Iterator[Array]:
-    """Of each length of windows that are enough, their products, shape (windows, 3, lags)."""
-    grid = np.arange(max(y.t[0], x.t[0]) + step_s, min(y.t[-1], x.t[-1]) - step_s, step_s)
-    if len(grid) < FEWEST_WINDOWS * FEWEST_IN_WINDOW:
-        return
-    means_y, means_x = (_means(s, grid, step_s) for s in (y, x))
-    silence_y_s, silence_x_s = (_silence_s(s.t, grid) for s in (y, x))
-    for window_s in WINDOWS_S:
-        length = max(round(window_s / step_s), 2)
-        bearable_s = max(GAP_STEPS * step_s, GAP_SHARE * window_s)
-        known_y, known_x = silence_y_s < bearable_s, silence_x_s < bearable_s
-        begins = _begins(known_y, known_x, length, n_lags)
-        products = np.array(list(_products(means_y, means_x, begins, length, n_lags)))
-        if len(products) >= FEWEST_WINDOWS and length >= FEWEST_IN_WINDOW:
-            yield products
-
-
 def _fastest(told: list[Verdict]) -> Verdict | None:
     """The most precise of several, unless one of faster motion contradicts its lag.
 
@@ -217,19 +178,6 @@ def _contradict(a: Agreement, b: Agreement) -> bool:
     sigma_s = float(np.hypot(a.lag_sigma_s, b.lag_sigma_s))
     dof = min(a.n_windows, b.n_windows) - 1
     return abs(a.lag_s - b.lag_s) > quantile(dof) * sigma_s
-
-
-def _means(signal: Signal, grid: Array, step_s: float) -> Array:
-    """Means of a signal over steps about the grid, the same smoothing for any rate."""
-    area = integrated(signal.t, signal.values - signal.values[0])
-    ends = (np.interp(grid + side * step_s, area.t, area.values) for side in (0.5, -0.5))
-    return np.asarray((next(ends) - next(ends)) / step_s)
-
-
-def _silence_s(t: Array, grid: Array) -> Array:
-    """Length of the interval between samples that each of the grid's times lies in."""
-    after = np.clip(np.searchsorted(t, grid), 1, len(t) - 1)
-    return np.asarray(t[after] - t[after - 1])
 
 
 def _over_windows(products: Array, step_s: float, reach: int | None, moved: int) -> Verdict | None:
@@ -255,35 +203,6 @@ def _over_windows(products: Array, step_s: float, reach: int | None, moved: int)
         products, k, moved
     )
     return Verdict(found, unrivalled)
-
-
-def _begins(known_y: BoolArray, known_x: BoolArray, length: int, n_lags: int) -> list[int]:
-    """Where windows of y begin that hold no silence, nor does x as far as the lags reach."""
-    begins = np.arange(n_lags, len(known_y) - length - n_lags + 1, length)
-    return [
-        int(begin)
-        for begin in begins[:: max(1, -(-len(begins) // MOST_WINDOWS))]
-        if np.all(known_y[begin : begin + length])
-        and np.all(known_x[begin - n_lags : begin + length + n_lags])
-    ]
-
-
-def _products(
-    y: Array, x: Array, begins: Iterable[int], length: int, n_lags: int
-) -> Iterator[Array]:
-    """Of each window, at each lag: the sums of x y, x x and y y, shape (3, lags)."""
-    one = np.full(length, length**-0.5)
-    ramp = np.arange(length) - 0.5 * (length - 1)
-    ramp = ramp / np.linalg.norm(ramp)
-    for begin in begins:
-        reach = slice(begin - n_lags, begin + length + n_lags)
-        wanted, seen = y[begin : begin + length], x[reach] - np.mean(x[reach])
-        wanted = wanted - np.mean(wanted)
-        wanted = wanted - (wanted @ ramp) * ramp
-        line = [np.correlate(seen, part) ** 2 for part in (one, ramp)]
-        xx = np.correlate(seen**2, np.ones(length)) - line[0] - line[1]
-        yy = np.full(len(xx), wanted @ wanted)
-        yield np.array([np.correlate(seen, wanted), np.maximum(xx, 0.0), yy])
 
 
 def _best_lag(products: Array) -> int:

@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gtsam_nav.audit import fixes
-from gtsam_nav.audit.agreement import LONGEST_LAG_S, Lag, Signal, agreement
+from gtsam_nav.audit.agreement import LONGEST_LAG_S, Lag, agreement
 from gtsam_nav.audit.courses import Velocity, way
 from gtsam_nav.audit.findings import Finding
+from gtsam_nav.audit.lagged_products import Signal
 from gtsam_nav.audit.motion import turned
 from gtsam_nav.audit.significance import quantile
 from gtsam_nav.frames import Array

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gtsam_nav.audit.agreement import Lag, Signal
+from gtsam_nav.audit.agreement import Lag
 from gtsam_nav.audit.antenna import AntennaFit, antenna_fit, lever_findings, steady_yaw
 from gtsam_nav.audit.bearings import bearing_findings
 from gtsam_nav.audit.clocks import ClockPair, clock_findings
@@ -37,6 +37,7 @@ from gtsam_nav.audit.heading import (
     mirrored_fixes,
 )
 from gtsam_nav.audit.inertial import inertial_findings, z_is_up
+from gtsam_nav.audit.lagged_products import Signal
 from gtsam_nav.audit.ranges import range_findings
 from gtsam_nav.audit.receiver import velocity_findings
 from gtsam_nav.audit.speeds import (

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from gtsam_nav.audit import fixes
-from gtsam_nav.audit.agreement import Agreement, Signal, agreement
+from gtsam_nav.audit.agreement import Agreement, agreement
 from gtsam_nav.audit.findings import Finding
 from gtsam_nav.audit.inertial import z_is_up
+from gtsam_nav.audit.lagged_products import Signal
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.levelling import MAX_GAP_S, tilt_by
 from gtsam_nav.series import AttitudeSeries

@@ -12,9 +12,10 @@ from itertools import combinations
 import numpy as np
 
 from gtsam_nav.audit import fixes
-from gtsam_nav.audit.agreement import Agreement, Signal, agreement, integrated
+from gtsam_nav.audit.agreement import Agreement, agreement
 from gtsam_nav.audit.blame import Pair, suspects
 from gtsam_nav.audit.findings import Finding
+from gtsam_nav.audit.lagged_products import Signal, integrated
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.series import DepthSeries, DvlSeries, ImuSeries
 

@@ -16,8 +16,8 @@ from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Rejection
 from gtsam_nav.preprocess.cleaning import tidy
+from gtsam_nav.readers._bytes import read_chunks
 from gtsam_nav.readers._table import truncation
-from gtsam_nav.readers._text import read_chunks
 from gtsam_nav.series import BeamSeries, BoolArray
 from gtsam_nav.solution import Progress
 

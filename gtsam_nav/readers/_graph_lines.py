@@ -14,7 +14,8 @@ from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Rejection
 from gtsam_nav.readers._matrices import definite, symmetric
-from gtsam_nav.readers._text import TRUNCATED, is_number, stream_lines
+from gtsam_nav.readers._rows import is_number
+from gtsam_nav.readers._text import TRUNCATED, stream_lines
 from gtsam_nav.series import IntArray
 from gtsam_nav.solution import Progress
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array
-from gtsam_nav.readers._text import read_bytes
+from gtsam_nav.readers._bytes import read_bytes
 
 HEADER_BYTES, MAGIC = 128, b"MATLAB 5.0"
 ORDERS = {b"IM": "<", b"MI": ">"}

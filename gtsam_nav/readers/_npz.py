@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from gtsam_nav.errors import DataError
 from gtsam_nav.mission import Rejection
 from gtsam_nav.preprocess.cleaning import screen, tidy
+from gtsam_nav.readers._bytes import MAX_BYTES
 from gtsam_nav.readers._mended_table import DAY_S, days_passed
-from gtsam_nav.readers._text import MAX_BYTES
 from gtsam_nav.series import BeamSeries, ScanSeries
 
 # what zipfile and NumPy raise on damaged archives and headers

@@ -9,7 +9,8 @@ import numpy as np
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array
-from gtsam_nav.readers._text import MAX_BYTES, number_columns, read_bytes
+from gtsam_nav.readers._bytes import MAX_BYTES, read_bytes
+from gtsam_nav.readers._rows import number_columns
 
 KINDS = {"I": "i", "U": "u", "F": "f"}
 SIZES = {"i": (1, 2, 4, 8), "u": (1, 2, 4, 8), "f": (4, 8)}

@@ -8,7 +8,8 @@ import numpy as np
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array
-from gtsam_nav.readers._text import number_columns, read_bytes
+from gtsam_nav.readers._bytes import read_bytes
+from gtsam_nav.readers._rows import number_columns
 
 TYPES = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},

@@ -12,7 +12,8 @@ import numpy as np
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array
 from gtsam_nav.readers._gnss import Fixes
-from gtsam_nav.readers._text import parse_rows, read_lines
+from gtsam_nav.readers._rows import parse_rows
+from gtsam_nav.readers._text import read_lines
 from gtsam_nav.sensors.noise import GnssNoise
 
 COLUMNS = (

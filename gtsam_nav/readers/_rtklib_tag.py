@@ -14,7 +14,7 @@ import numpy as np
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array
-from gtsam_nav.readers._text import read_bytes
+from gtsam_nav.readers._bytes import read_bytes
 
 MAGIC = b"TIMETAG RTKLIB"
 HEADER_BYTES = 60

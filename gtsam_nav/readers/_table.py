@@ -11,7 +11,8 @@ import numpy as np
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Rejection
-from gtsam_nav.readers._text import TRUNCATED, is_number, parse_rows, read_lines
+from gtsam_nav.readers._rows import is_number, parse_rows
+from gtsam_nav.readers._text import TRUNCATED, read_lines
 
 
 @dataclass(frozen=True)

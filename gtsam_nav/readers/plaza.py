@@ -29,8 +29,9 @@ from gtsam_nav.mission import LandmarkMap, Mission, Rejection, Sensor
 from gtsam_nav.preprocess.cleaning import tidy
 from gtsam_nav.readers._clock import on_mission_time
 from gtsam_nav.readers._mat5 import read_tables
+from gtsam_nav.readers._rows import Rows, parse_rows
 from gtsam_nav.readers._table import truncation
-from gtsam_nav.readers._text import Rows, parse_rows, read_lines
+from gtsam_nav.readers._text import read_lines
 from gtsam_nav.sensors.noise import LandmarkNoise, OdometryNoise
 from gtsam_nav.series import LandmarkSeries, OdometrySeries, ReferenceSeries, Series
 from gtsam_nav.solution import Progress, no_progress

@@ -23,10 +23,11 @@ from gtsam_nav.frames import Origin
 from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.preprocess.cleaning import tidy
 from gtsam_nav.readers._clock import on_mission_time
+from gtsam_nav.readers._rows import parse_rows
 from gtsam_nav.readers._rtklib_pos import leap_seconds, read_fixes
 from gtsam_nav.readers._rtklib_tag import read_time_tag
 from gtsam_nav.readers._table import truncation
-from gtsam_nav.readers._text import parse_rows, read_lines
+from gtsam_nav.readers._text import read_lines
 from gtsam_nav.sensors.noise import GnssNoise
 from gtsam_nav.series import ImuSeries, Series
 from gtsam_nav.solution import Progress, no_progress

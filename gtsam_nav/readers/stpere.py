@@ -27,8 +27,9 @@ from gtsam_nav.readers._beam_log import read_beams
 from gtsam_nav.readers._clock import on_mission_time
 from gtsam_nav.readers._gnss import Fixes
 from gtsam_nav.readers._mounting import ORIENTING_TYPES, in_body_axes
+from gtsam_nav.readers._rows import Rows, parse_rows
 from gtsam_nav.readers._table import truncation
-from gtsam_nav.readers._text import Rows, parse_rows, read_lines
+from gtsam_nav.readers._text import read_lines
 from gtsam_nav.sensors.noise import AttitudeNoise, DepthNoise, DvlNoise, GnssNoise, HeadingNoise
 from gtsam_nav.series import (
     AttitudeSeries,

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gtsam_nav.audit.agreement import Signal, agreement, integrated
+from gtsam_nav.audit.agreement import agreement
+from gtsam_nav.audit.lagged_products import Signal, integrated
 from gtsam_nav.frames import Array
 
 FINE_T = np.arange(0.0, 300.0, 0.02)

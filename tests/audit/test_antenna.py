@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gtsam_nav.audit.agreement import Signal
 from gtsam_nav.audit.antenna import antenna_fit, lever_findings, steady_yaw
 from gtsam_nav.audit.courses import Velocity
 from gtsam_nav.audit.findings import Finding
+from gtsam_nav.audit.lagged_products import Signal
 from gtsam_nav.audit.motion import turned
 from gtsam_nav.mission import Sensor
 from gtsam_nav.series import GnssSeries

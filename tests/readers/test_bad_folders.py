@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from missions import DEPTH_CSV, every_sensor_mission, make_folder, one_sensor_folder
 
 from gtsam_nav.errors import DataError, GtsamNavError
-from gtsam_nav.readers import _text, open_mission
+from gtsam_nav.readers import _bytes, open_mission
 from gtsam_nav.series import DepthSeries
 from gtsam_nav.writers.mission_folder import write_mission
 
@@ -339,7 +339,7 @@ def test_yaml_may_share_what_sensors_have_in_common(tmp_path: Path) -> None:
 def test_an_archive_that_unpacks_without_end_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(_text, "MAX_BYTES", 1_000_000)
+    monkeypatch.setattr(_bytes, "MAX_BYTES", 1_000_000)
     bomb = gzip.compress(b"t,depth_m\n" + b"0" * 50_000_000)
     with pytest.raises(DataError, match="holds more than 1000000 bytes"):
         open_mission(depth_folder(tmp_path, bomb))

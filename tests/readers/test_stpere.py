@@ -317,7 +317,7 @@ def test_blank_lines_and_comments_between_beams_do_not_matter(tmp_path: Path) ->
 def test_beams_across_many_chunks_are_parsed_as_they_stand(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("gtsam_nav.readers._text.CHUNK_BYTES", 97)
+    monkeypatch.setattr("gtsam_nav.readers._bytes.CHUNK_BYTES", 97)
     rng = np.random.default_rng(3)
     expected = rng.integers(0, 256, (8, 50))
     text = log(lambda k: beam_line(k, bins=" ".join(map(str, expected[k]))))
