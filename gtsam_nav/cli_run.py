@@ -215,10 +215,8 @@ def show_runs(folders: Mapping[str, Path], as_json: bool = False) -> None:
         for warning in runs[row.name].record.warnings:
             concerned.setdefault(warning, []).append(row.name)
         nees = runs[row.name].metrics.nees
-        if nees is not None and nees.overconfidence:
-            concerned.setdefault(f"NEES {nees.mean:.1f}: {nees.overconfidence}", []).append(
-                row.name
-            )
+        if nees is not None and nees.doubt:
+            concerned.setdefault(f"NEES {nees.mean:.1f}: {nees.doubt}", []).append(row.name)
         if row.coverage is None and row.relations is None:
             used = runs[row.name].metrics.gnss_used
             why = (

@@ -107,6 +107,13 @@ def _check_faults(method: str, mission: Mission) -> None:
             raise ConfigError(f"'{fault}': only graph takes false loop closures, not {method}")
 
 
+def _warnings(method: str, mission: Mission) -> tuple[str, ...]:
+    """What a method makes of a mission otherwise than its user may think."""
+    from gtsam_nav.preprocess.turning import warnings_on_turns
+
+    return (*warnings_on_turns(method, mission), *_warnings_on_edges(method, mission))
+
+
 def _warnings_on_edges(method: str, mission: Mission) -> tuple[str, ...]:
     """What every method but the graph leaves out of a pose graph."""
     if method == "graph" or mission.edges is None:
@@ -155,18 +162,9 @@ def estimate(
 
     from gtsam_nav.config import Config
     from gtsam_nav.errors import EstimationError
-    from gtsam_nav.evaluation.contradictions import contradictions
-    from gtsam_nav.preprocess.agility import fitted_to
-    from gtsam_nav.preprocess.false_start import without_false_starts
     from gtsam_nav.preprocess.gnss_policy import split_fixes
-    from gtsam_nav.preprocess.slant_ranges import with_slant_ranges
+    from gtsam_nav.preprocess.readying import made_ready
     from gtsam_nav.preprocess.stamp_units import check_stamp_units
-    from gtsam_nav.preprocess.turning import (
-        bounded_by_way,
-        unknown_where_not_told,
-        warnings_on_turns,
-        warnings_on_yaw,
-    )
     from gtsam_nav.solution import no_progress
 
     check_method(method)
@@ -179,11 +177,9 @@ def estimate(
 
         blind = inject(blind, faults, config.seed)
     _check_faults(method, blind)
-    blind = with_slant_ranges(without_false_starts(blind))
-    motion, notes = fitted_to(blind, config.motion)
+    blind, motion = made_ready(blind, config.motion)
     config = config.model_copy(update={"motion": motion})
-    notes = (*notes, *warnings_on_turns(method, blind), *_warnings_on_edges(method, blind))
-    blind = replace(blind, warnings=(*blind.warnings, *notes))
+    blind = replace(blind, warnings=(*blind.warnings, *_warnings(method, blind)))
     run: Method = import_module(_METHODS[method].module).estimate
     try:
         # matrices of a thousand rows: more BLAS threads spend their time waiting for each other
@@ -192,17 +188,27 @@ def estimate(
     except (RuntimeError, ArithmeticError, LinAlgError) as error:
         what = " ".join(str(error).split())[:300]
         raise EstimationError(f"{method} could not solve '{mission.name}': {what}") from error
-    if _has_velocity(blind):
-        whole = bounded_by_way(solution.trajectory)
-        online = solution.online and bounded_by_way(solution.online)
-        solution = replace(solution, trajectory=whole, online=online)
-    whole, online = unknown_where_not_told(blind, solution.trajectory, solution.online)
-    solution = replace(solution, trajectory=whole, online=online)
-    doubts = (*warnings_on_yaw(blind, solution.trajectory), *contradictions(solution))
     return replace(
-        solution,
+        _as_told(blind, solution),
         reference=reference,
         relations=mission.relations,
         gnss_withheld=n_withheld,
-        warnings=(*solution.warnings, *doubts),
     )
+
+
+def _as_told(mission: Mission, solution: Solution) -> Solution:
+    """The solution, no surer nor vaguer than what the mission measured lets it be, and doubts."""
+    from gtsam_nav.evaluation.contradictions import contradictions
+    from gtsam_nav.preprocess.turning import (
+        bounded_by_way,
+        unknown_where_not_told,
+        warnings_on_yaw,
+    )
+
+    whole, online = solution.trajectory, solution.online
+    if _has_velocity(mission):
+        whole, online = bounded_by_way(whole), online and bounded_by_way(online)
+    whole, online = unknown_where_not_told(mission, whole, online)
+    solution = replace(solution, trajectory=whole, online=online)
+    doubts = (*warnings_on_yaw(mission, whole), *contradictions(solution))
+    return replace(solution, warnings=(*solution.warnings, *doubts))

@@ -139,12 +139,17 @@ class OdometrySeries(Series):
 
 @dataclass(frozen=True, kw_only=True)
 class GnssSeries(Series):
-    """Antenna positions in local NED (m), with velocities (m/s) where the receiver gives them."""
+    """Antenna positions in local NED (m), with velocities (m/s) where the receiver gives them.
+
+    ``offset_sigma`` is the part of each axis's ``sigma`` that a fix shares with the others of the
+    same value: of a poorer solution, or on the wrong side of a jump.
+    """
 
     TYPE: ClassVar[str] = "gnss"
     p_n: Array = column(3)
     sigma: Array = column(3)
     v_n: Array | None = column(3, optional=True)
+    offset_sigma: Array | None = column(optional=True)
 
 
 @dataclass(frozen=True, kw_only=True)

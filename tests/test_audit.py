@@ -25,7 +25,14 @@ from gtsam_nav.frames import (
 from gtsam_nav.methods import estimate, methods
 from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.readers import open_mission
-from gtsam_nav.series import BeamSeries, DvlSeries, GnssSeries, HeadingSeries, ImuSeries
+from gtsam_nav.series import (
+    BeamSeries,
+    DepthSeries,
+    DvlSeries,
+    GnssSeries,
+    HeadingSeries,
+    ImuSeries,
+)
 
 REST_S = 20.0
 SPEED_M_S = 0.5
@@ -171,6 +178,24 @@ def test_a_sensor_that_ends_early_is_named(mission: Mission) -> None:
     (found,) = [f for f in audit(short).findings if f.check == "span"]
     assert found.sensor == "dvl"
     assert found.message.startswith("ends at ")
+
+
+@pytest.mark.parametrize(("depth_m", "dives"), [(0.1, False), (6.0, True), (None, False)])
+def test_so_is_a_receiver_unless_it_dives(
+    mission: Mission, depth_m: float | None, dives: bool
+) -> None:
+    half_s = sum(mission.span_s) / 2
+    gnss = mission.sensors["gnss"]
+    short = mission.with_sensor(replace(gnss, series=gnss.series.crop(0.0, half_s))).without(
+        "depth"
+    )
+    if depth_m is not None:
+        t = np.arange(*mission.span_s)
+        down = np.where(t > half_s, depth_m, 0.0)
+        series = DepthSeries(t=t, depth_m=down, sigma=np.full(len(t), 0.1))
+        short = short.with_sensor(Sensor("depth", "depth", series))
+    found = [f.sensor for f in audit(short).findings if f.check == "span"]
+    assert found == ([] if dives else ["gnss"])
 
 
 def test_dropped_samples_are_counted_by_reason(mission: Mission) -> None:

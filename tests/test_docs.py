@@ -12,6 +12,7 @@ from gtsam_nav.errors import PackageError
 from gtsam_nav.readers._file_card import FileCard
 from gtsam_nav.readers._mission_yaml import MissionFile
 from gtsam_nav.readers._ros_card import BagCard, BagSensor
+from gtsam_nav.sensors.noise import NOISE_MODELS
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted((ROOT / "docs").glob("*.md"))
@@ -49,3 +50,22 @@ def test_the_cards_are_cards() -> None:
         model.model_validate(card)
     for key in (*BagCard.model_fields, *BagSensor.model_fields, "columns", "scale"):
         assert f"`{key}`" in page, key
+
+
+FIGURE = re.compile(r"^\| `(\w+)` \| (\S+) \| \S.* \|$", re.MULTILINE)
+
+
+def test_every_noise_figure_is_listed_with_its_default() -> None:
+    page = (ROOT / "docs" / "noise.md").read_text(encoding="utf-8")
+    listed = {}
+    for section in page.split("\n## ")[1:]:
+        title, _, body = section.partition("\n")
+        figures = {name: yaml.safe_load(value) for name, value in FIGURE.findall(body)}
+        listed |= dict.fromkeys(re.findall(r"`(\w+)`", title), figures)
+    assert listed == {
+        kind: {
+            name: "–" if field.default is None else pytest.approx(field.default)
+            for name, field in model.model_fields.items()
+        }
+        for kind, model in NOISE_MODELS.items()
+    }

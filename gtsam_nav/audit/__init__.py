@@ -14,6 +14,7 @@ from gtsam_nav.audit.heading import HeadingAgainstCourse
 from gtsam_nav.audit.motion import DvlLock, dvl_lock, initial_rest_s, lock_findings
 from gtsam_nav.audit.place import place_findings
 from gtsam_nav.audit.repeats import repeat_findings, stuck_findings
+from gtsam_nav.audit.sigmas import sigma_findings
 from gtsam_nav.audit.sonar import SonarHead, sonar_findings, sonar_head
 from gtsam_nav.audit.sonar_map import map_findings, map_likeness, sweeps_of
 from gtsam_nav.audit.timing import (
@@ -28,6 +29,7 @@ from gtsam_nav.methods import runnable_methods
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.pose_edges import EDGES
 from gtsam_nav.preprocess.edge_loops import n_loops
+from gtsam_nav.preprocess.receivers import with_best_receiver_first
 
 
 @dataclass(frozen=True)
@@ -115,7 +117,7 @@ def audit(mission: Mission) -> Audit:
     together = mission.without(*away)
     exchanged = tuple(exchanged_findings(together))
     together = together.without(*(str(f.sensor) for f in exchanged))
-    compared = compare(together)
+    compared = compare(with_best_receiver_first(together))
 
     def findings() -> Iterator[Finding]:
         for timing in timings:
@@ -127,6 +129,8 @@ def audit(mission: Mission) -> Audit:
             if sensor.type != "reference":
                 yield from repeat_findings(sensor)
         yield from (*places, *exchanged)
+        for receiver in mission.of_type("gnss"):
+            yield from sigma_findings(receiver)
         for lock in dvls:
             yield from lock_findings(lock)
         yield from comparison_findings(together, compared)

@@ -12,13 +12,16 @@ from gtsam_nav.audit import fixes
 from gtsam_nav.audit.findings import Finding
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.stamp_units import UNITS, in_other_unit, smaller_units
+from gtsam_nav.series import DepthSeries
 
 GAP_FACTOR, LEAST_GAP_S = 5.0, 1.0
 """A silence of more than this many median intervals is a gap, unless it is shorter than that."""
 TIMING_CHECKS = ("samples", "gaps", "dropped", "span")
 
-COME_AND_GO = ("gnss", "landmarks", "clouds")
-"""Types whose sensors may fall silent for good: under water, or with nothing in sight."""
+COME_AND_GO = ("landmarks", "clouds")
+"""Types whose sensors may fall silent for good: with nothing in sight."""
+DIVED_M = 0.5
+"""A receiver that is so deep, for most of the time, is out of the satellites' sight."""
 MISSED_S, MISSED_SHARE = 10.0, 0.1
 """A sensor that begins so much after the first, or ends so much before the last, lacks a part."""
 
@@ -112,11 +115,26 @@ def span_findings(mission: Mission) -> Iterator[Finding]:
     allowed_s = max(MISSED_S, MISSED_SHARE * (end - begin))
     for sensor in own:
         first, last = float(sensor.series.t[0]), float(sensor.series.t[-1])
-        parts = [f"begins at {first:.1f} s"] * (first - begin > allowed_s)
-        parts += [f"ends at {last:.1f} s"] * (end - last > allowed_s)
-        if parts and sensor.type not in COME_AND_GO:
+        parts = []
+        if first - begin > allowed_s and not _out_of_sight(mission, sensor, begin, first):
+            parts.append(f"begins at {first:.1f} s")
+        if end - last > allowed_s and not _out_of_sight(mission, sensor, last, end):
+            parts.append(f"ends at {last:.1f} s")
+        if parts:
             message = f"{' and '.join(parts)}; the mission lasts from {begin:.1f} to {end:.1f} s"
             yield Finding("span", sensor.name, "warning", message)
+
+
+def _out_of_sight(mission: Mission, sensor: Sensor, begin: float, end: float) -> bool:
+    """Whether what a sensor measures may have been out of its sight."""
+    if sensor.type in COME_AND_GO:
+        return True
+    gauge = mission.first("depth") if sensor.type == "gnss" else None
+    if gauge is None:
+        return False
+    depths = gauge.series.crop(begin, end)
+    assert isinstance(depths, DepthSeries)
+    return len(depths) > 0 and float(np.median(depths.depth_m)) > DIVED_M
 
 
 def stamp_findings(mission: Mission) -> Iterator[Finding]:

@@ -18,6 +18,7 @@ from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.preprocess.first_fixes import OFF_THE_NEXT, first_fixes, located
 from gtsam_nav.sensors import depth, dvl, gnss, orientation
+from gtsam_nav.sensors.fix_errors import AlikeFixes, alike_fixes, white_sigma
 from gtsam_nav.sensors.noise import AttitudeNoise, DvlNoise, GnssNoise, HeadingNoise, OdometryNoise
 from gtsam_nav.sensors.prediction import Prediction
 from gtsam_nav.series import AttitudeSeries, DepthSeries, GnssSeries, OdometrySeries
@@ -55,36 +56,48 @@ def _usable_fixes(receiver: Sensor) -> tuple[Sensor, list[Rejection]]:
     return replace(receiver, series=series.select(~off)), rejections
 
 
+def _positions(receiver: Sensor, rows: int, gate: float | None) -> Iterator[Aid]:
+    """Fixes of a receiver on n, e and, of three rows, d: an aid for all that share an error."""
+    series, lever_b = receiver.series, receiver.xyz_b
+    assert isinstance(series, GnssSeries)
+    series = series.select(located(series))
+    noise = GnssNoise.model_validate(receiver.noise)
+    white = white_sigma(series, noise)
+
+    def fixes(alike: AlikeFixes) -> Aid:
+        p_n, sigma, share = series.p_n[alike.which], white[alike.which], alike.share
+
+        def position(k: int, state: InertialState, shared: Array) -> Prediction:
+            fix = gnss.predict(state.body, p_n[k], lever_b, sigma[k])
+            residual = fix.residual[:rows] + (shared if len(shared) else 0.0)
+            return Prediction(residual, fix.jacobian[:rows], fix.cov[:rows, :rows])
+
+        drift = SharedErrors(alike.shared_sigma[:rows], np.full(rows, noise.correlation_time_s))
+        return Aid(
+            receiver.name,
+            "position",
+            rows,
+            series.t[alike.which],
+            series.row[alike.which],
+            position,
+            gate,
+            drift if share else NO_ERRORS,
+            np.eye(rows) if share else np.empty((rows, 0)),
+            receiver=receiver.name,
+        )
+
+    yield from map(fixes, alike_fixes(series, noise))
+
+
 def _gnss(
     receiver: Sensor, mission: Mission, strapdown: Strapdown, config: Config
 ) -> Iterator[Aid]:
-    series, settings = receiver.series, config.gnss
+    series, settings, lever_b = receiver.series, config.gnss, receiver.xyz_b
     assert isinstance(series, GnssSeries)
     noise = GnssNoise.model_validate(receiver.noise)
     rows = 3 if settings.use_height or mission.first("depth") is None else 2
-    share, lever_b = noise.correlated_share, receiver.xyz_b
-    white = series.sigma * np.sqrt(1 - share)
-    at, p_n = np.flatnonzero(located(series)), series.p_n
-
-    def position(k: int, state: InertialState, shared: Array) -> Prediction:
-        fix = gnss.predict(state.body, p_n[at[k]], lever_b, white[at[k]])
-        residual = fix.residual[:rows] + (shared if len(shared) else 0.0)
-        return Prediction(residual, fix.jacobian[:rows], fix.cov[:rows, :rows])
-
-    spread = np.median(series.sigma[at, :rows], axis=0) if len(at) else np.ones(rows)
-    drift = SharedErrors(np.sqrt(share) * spread, np.full(rows, noise.correlation_time_s))
-    yield Aid(
-        receiver.name,
-        "position",
-        rows,
-        series.t[at],
-        series.row[at],
-        position,
-        settings.position_gate_probability if settings.reject_outliers else None,
-        drift if share > 0 else NO_ERRORS,
-        np.eye(rows) if share > 0 else np.empty((rows, 0)),
-        receiver=receiver.name,
-    )
+    gate = settings.position_gate_probability if settings.reject_outliers else None
+    yield from _positions(receiver, rows, gate)
     v_n = series.v_n
     if v_n is None or not settings.use_velocity:
         return

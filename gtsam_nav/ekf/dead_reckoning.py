@@ -20,6 +20,7 @@ from gtsam_nav.ekf.constant_velocity import (
     Start,
     run,
 )
+from gtsam_nav.ekf.late_fix import through_late_fix
 from gtsam_nav.ekf.water_lock import with_water_motion
 from gtsam_nav.errors import DataError, EstimationError
 from gtsam_nav.frames import Array, quaternion_from_rpy, rotation_from_rpy
@@ -96,11 +97,12 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         start = align(mission)
         reckoned = dead_reckon(mission, start, config)
     progress("dead reckoning", 1.0)
+    track = with_considered(
+        filtered_trajectory(reckoned.filtered, mission), ConsideredErrors.of(mission)
+    )
     return Solution(
         method="dr",
-        trajectory=with_considered(
-            filtered_trajectory(reckoned.filtered, mission), ConsideredErrors.of(mission)
-        ),
+        trajectory=through_late_fix(track, mission, start),
         mission=mission,
         georeferenced=start.georeferenced and start.heading_known,
         rejections=(*mission.rejections, *reckoned.rejections),

@@ -232,8 +232,15 @@ def _innovations(aids: list[Aid], history: History) -> Mapping[str, Innovations]
 
     One reading, as that of the first levelling, makes no statistics.
     """
-    by_aid = ((aid.name, innovations(used)) for aid, used in zip(aids, history.used, strict=True))
-    return {name: found for name, found in by_aid if found is not None}
+    by_name: dict[str, list[tuple[float, Array]]] = {}
+    for aid, used in zip(aids, history.used, strict=True):
+        by_name.setdefault(aid.name, []).extend(used)
+    found = ((name, innovations(sorted(used, key=_time))) for name, used in by_name.items())
+    return {name: own for name, own in found if own is not None}
+
+
+def _time(used: tuple[float, Array]) -> float:
+    return used[0]
 
 
 def _fixes_used(aids: list[Aid], history: History) -> int:

@@ -11,6 +11,10 @@ from gtsam_nav.frames import Array
 
 OVERCONFIDENT = 3.0
 """Normalised squared errors that are so many times what they should be are worth a sentence."""
+CAUTIOUS = 0.2
+"""And so are those that are no more than this share of it."""
+TINY = 1e-6
+"""Stands for none at all."""
 
 
 @dataclass(frozen=True)
@@ -35,12 +39,15 @@ class Consistency:
     fraction_inside: float
 
     @property
-    def overconfidence(self) -> str:
-        """What to say of errors far larger than their covariance has them; empty where not."""
-        if self.mean <= OVERCONFIDENT * self.dof:
-            return ""
-        times = float(np.sqrt(self.mean / self.dof))
-        return f"the errors are {times:.1f} times what the covariance states"
+    def doubt(self) -> str:
+        """What to say of errors far larger, or smaller, than their covariance has them; empty
+        where they fit."""
+        times = float(np.sqrt(max(self.mean / self.dof, TINY)))
+        if self.mean > OVERCONFIDENT * self.dof:
+            return f"the errors are {times:.1f} times what the covariance states"
+        if self.mean < CAUTIOUS * self.dof:
+            return f"the covariance states errors {1 / times:.1f} times what they are"
+        return ""
 
 
 def consistency(squared: Array, dof: int) -> Consistency | None:

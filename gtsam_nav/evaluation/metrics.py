@@ -130,8 +130,8 @@ class TrajectoryMetrics:
             lines.append(f"ate {name:<5}  {figures}")
         if self.nees is not None:
             lines.append(f"nees       {self.nees.mean:.2f} ({self.nees.dof} degrees of freedom)")
-            if self.nees.overconfidence:
-                lines[-1] += f": {self.nees.overconfidence}"
+            if self.nees.doubt:
+                lines[-1] += f": {self.nees.doubt}"
         if self.coverage is not None:
             lines.append(f"coverage   {self.coverage:.3f}")
         return lines

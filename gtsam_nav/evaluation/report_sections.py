@@ -123,8 +123,13 @@ def _banners(report: Report) -> Html:
         items = element("ul", *(element("li", fault) for fault in faults))
         text = "Faults were injected into what the methods saw, not into what they are scored on:"
         pieces.append(element("div", text, items, class_="banner warnings"))
-    if warnings:
-        items = element("ul", *(element("li", warning) for warning in warnings))
+    doubts = [
+        f"{name}: NEES {m.nees.mean:.2g} where {m.nees.dof} is calibrated: {m.nees.doubt}"
+        for name, m in report.metrics.items()
+        if m.nees is not None and m.nees.doubt
+    ]
+    if warnings or doubts:
+        items = element("ul", *(element("li", text) for text in (*doubts, *warnings)))
         pieces.append(element("div", "Take note:", items, class_="banner warnings"))
     return join(pieces)
 
@@ -212,8 +217,8 @@ def _consistency(report: Report) -> Html:
         "overconfidence, below it caution."
     )
     for name, m in report.metrics.items():
-        if m.nees is not None and m.nees.overconfidence:
-            note += f" {name}: {m.nees.overconfidence}."
+        if m.nees is not None and m.nees.doubt:
+            note += f" {name}: {m.nees.doubt}."
     caption = (
         "Squared position error over its covariance; 95 % of honest ones lie between the lines."
     )

@@ -138,11 +138,29 @@ def _position(mission: Mission, start: float, R_nb: Array) -> tuple[Array, Array
     initial = mission.initial
     if initial.p_n is not None:
         return np.array(initial.p_n, dtype=float), np.full(3, initial.sigma_p), True
+    fix = start_fix(mission)
+    if fix is None:
+        return np.zeros(3), np.full(3, UNKNOWN_SIGMA_M), False
+    moved_m = UNKNOWN_SPEED_M_S * max(fix.t - start - PUNCTUAL_S, 0.0)
+    return fix.p_n - R_nb @ fix.lever_b, np.hypot(fix.sigma, moved_m), True
+
+
+@dataclass(frozen=True)
+class StartFix:
+    """The fix that a start is taken from: its time, antenna position, sigmas (3,) and lever arm."""
+
+    t: float
+    p_n: Array
+    sigma: Array
+    lever_b: Array
+
+
+def start_fix(mission: Mission) -> StartFix | None:
+    """The first fix that those after it bear out; None where no fix tells a position."""
     gnss = mission.first("gnss")
     series = None if gnss is None else gnss.series
     if gnss is None or not isinstance(series, GnssSeries) or not np.any(located(series)):
-        return np.zeros(3), np.full(3, UNKNOWN_SIGMA_M), False
+        return None
     series = series.select(located(series))
     k = first_fixes(series).first
-    moved_m = UNKNOWN_SPEED_M_S * max(series.t[k] - start - PUNCTUAL_S, 0.0)
-    return series.p_n[k] - R_nb @ gnss.xyz_b, np.hypot(series.sigma[k], moved_m), True
+    return StartFix(float(series.t[k]), series.p_n[k], series.sigma[k], gnss.xyz_b)

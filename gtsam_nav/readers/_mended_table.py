@@ -7,7 +7,6 @@ a day are seconds of the day, in a log that goes on past midnight.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from collections.abc import Set as AbstractSet
 from dataclasses import replace
 from typing import Any
 
@@ -21,13 +20,21 @@ from gtsam_nav.readers.layout import Field
 DAY_S, NEAR_S = 86_400.0, 3600.0
 """A day, and how near midnight the stamps on both sides of it lie."""
 PAST_MIDNIGHT = (
-    "has seconds of the day as stamps, and they pass midnight: those after it are taken for the"
-    " next day's"
+    "seconds of the day are the stamps of {}, and they pass midnight: those after it are taken for"
+    " the next day's"
 )
+BEGUN_AFTER = (
+    "the stamps of {} begin after the midnight that others pass: seconds of the day, they are taken"
+    " for the next day's"
+)
+OVERLAP = 0.9
+"""Share of a log that must lie beside the others' on the day that it is taken for."""
+POWER_UP_S = 1.0
+"""Stamps that begin so soon, or within two of their steps, count from when a sensor was on."""
 
 
-def mended(table: Table, noise: Any, layout: Sequence[Field]) -> tuple[Table, list[str]]:
-    """The table as it is meant, and what is to be said of that.
+def mended(table: Table, noise: Any, layout: Sequence[Field]) -> tuple[Table, list[str], bool]:
+    """The table as it is meant, what is to be said of that, and whether it passes midnight.
 
     Parameters
     ----------
@@ -45,9 +52,11 @@ def mended(table: Table, noise: Any, layout: Sequence[Field]) -> tuple[Table, li
             f" ({figures})"
         )
         columns |= {column: np.full(len(columns["t"]), usual[column]) for column in usual}
-    columns["t"], midnight = past_midnight(columns["t"])
-    said += midnight
-    return replace(table, columns=columns), said
+    lacking = np.nan if table.cut_stamp is None else table.cut_stamp
+    days = days_passed(np.append(columns["t"], lacking))
+    columns["t"] = columns["t"] + DAY_S * days[:-1]
+    cut_stamp = None if table.cut_stamp is None else table.cut_stamp + DAY_S * float(days[-1])
+    return replace(table, columns=columns, cut_stamp=cut_stamp), said, bool(np.any(days))
 
 
 def _usual_sigmas(table: Table, noise: Any, layout: Sequence[Field]) -> dict[str, float]:
@@ -65,14 +74,8 @@ def _is_zero(column: Array) -> bool:
     return bool(np.any(column == 0.0) and np.all((column == 0.0) | ~np.isfinite(column)))
 
 
-def past_midnight(t: Array) -> tuple[Array, list[str]]:
-    """Stamps (n,) that go on past midnight, and what is to be said of that."""
-    days = days_passed(t)
-    return (t + DAY_S * days, [PAST_MIDNIGHT]) if np.any(days) else (t, [])
-
-
 def onto_one_day(
-    sensors: dict[str, Sensor], rejections: list[Rejection], passed: AbstractSet[str]
+    sensors: dict[str, Sensor], rejections: list[Rejection], passed: Sequence[str]
 ) -> list[str]:
     """Move sensors whose log begins after midnight, by a day, and say so.
 
@@ -80,19 +83,35 @@ def onto_one_day(
     day later.
     """
     crossing = [sensors[name].series.t for name in passed if name in sensors]
-    said: list[str] = []
-    for name, sensor in sensors.items():
-        t = sensor.series.t
-        early = bool(crossing) and t[0] > 0.0 and t[-1] < min(own[0] for own in crossing)
-        if not early or t[0] + DAY_S > max(own[-1] for own in crossing):
-            continue
-        sensors[name] = replace(sensor, series=sensor.series.shift(DAY_S))
-        rejections[:] = [replace(r, t=r.t + DAY_S * (r.sensor == name)) for r in rejections]
-        said.append(
-            f"sensor '{name}' begins after the midnight that others pass: its stamps, in seconds"
-            " of the day, are taken for the next day's"
-        )
-    return said
+    if not crossing:
+        return []
+    begin, end = min(float(t[0]) for t in crossing), max(float(t[-1]) for t in crossing)
+    late = [
+        name for name, sensor in sensors.items() if _is_of_the_next_day(sensor.series.t, begin, end)
+    ]
+    for name in late:
+        sensors[name] = replace(sensors[name], series=sensors[name].series.shift(DAY_S))
+    rejections[:] = [replace(r, t=r.t + DAY_S * (r.sensor in late)) for r in rejections]
+    return [BEGUN_AFTER.format(_listed(late))] if late else []
+
+
+def _is_of_the_next_day(t: Array, begin: float, end: float) -> bool:
+    """Whether stamps lie beside a span a day later, neither now nor counted from power-up."""
+    first, last = float(t[0]), float(t[-1])
+    step = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
+    if last >= begin or first <= max(POWER_UP_S, 2 * step):
+        return False
+    beside = np.mean((t + DAY_S >= begin) & (t + DAY_S <= end))
+    return bool(beside >= OVERLAP)
+
+
+def said_of_midnight(passed: Sequence[str]) -> list[str]:
+    """What is said of sensors whose stamps pass midnight."""
+    return [PAST_MIDNIGHT.format(_listed(passed))] if passed else []
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(f"'{name}'" for name in names)
 
 
 def days_passed(t: Array) -> Array:

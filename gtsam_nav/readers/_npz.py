@@ -17,7 +17,7 @@ from gtsam_nav.errors import DataError
 from gtsam_nav.mission import Rejection
 from gtsam_nav.preprocess.cleaning import screen, tidy
 from gtsam_nav.readers._bytes import MAX_BYTES
-from gtsam_nav.readers._mended_table import past_midnight
+from gtsam_nav.readers._mended_table import DAY_S, days_passed
 from gtsam_nav.series import BeamSeries, ScanSeries
 
 # what zipfile and NumPy raise on damaged archives and headers
@@ -39,8 +39,9 @@ NUMPY_FAULTS = (
 )
 
 
-def read_beams(name: str, path: Path) -> tuple[BeamSeries | None, list[Rejection], list[str]]:
-    """Beams of an archive with t, angle, intensity and resolution_m; and what is to be said."""
+def read_beams(name: str, path: Path) -> tuple[BeamSeries | None, list[Rejection], bool]:
+    """Beams of an archive with t, angle, intensity and resolution_m; and whether their stamps pass
+    midnight."""
     arrays = _read_arrays(path, ("t", "angle", "intensity", "resolution_m"))
     t, angle, intensity = (arrays[k] for k in ("t", "angle", "intensity"))
     if t.ndim != 1 or angle.shape != t.shape or intensity.ndim != 2 or len(intensity) != len(t):
@@ -54,14 +55,17 @@ def read_beams(name: str, path: Path) -> tuple[BeamSeries | None, list[Rejection
     resolution = arrays["resolution_m"]
     if resolution.size != 1 or not (np.isfinite(resolution) & (resolution > 0)).all():
         raise DataError("resolution_m must be one positive number", path)
-    stamps, said = past_midnight(t.astype(float))
-    columns = {"t": stamps, "angle": angle.astype(float), "intensity": intensity}
-    return *tidy(BeamSeries, name, columns, resolution_m=float(resolution.reshape(()))), said
+    stamps = t.astype(float)
+    days = days_passed(stamps)
+    columns = {"t": stamps + DAY_S * days, "angle": angle.astype(float), "intensity": intensity}
+    return *tidy(BeamSeries, name, columns, resolution_m=float(resolution.reshape(()))), bool(
+        np.any(days)
+    )
 
 
-def read_scans(name: str, path: Path) -> tuple[ScanSeries | None, list[Rejection], list[str]]:
-    """Scans of an archive with t, first and points, and what is to be said; one with a point that
-    is not finite is none."""
+def read_scans(name: str, path: Path) -> tuple[ScanSeries | None, list[Rejection], bool]:
+    """Scans of an archive with t, first and points, and whether their stamps pass midnight; one
+    with a point that is not finite is none."""
     arrays = _read_arrays(path, ("t", "first", "points"))
     t, points = arrays["t"].astype(float), arrays["points"].astype(float)
     first = arrays["first"].astype(np.int64)
@@ -71,16 +75,17 @@ def read_scans(name: str, path: Path) -> tuple[ScanSeries | None, list[Rejection
         raise DataError(
             f"points has shape {points.shape}; ({first[-1]}, 2 or 3) is needed, as first says", path
         )
-    t, said = past_midnight(t)
+    days = days_passed(t)
+    t, passed = t + DAY_S * days, bool(np.any(days))
     finite = np.all(np.isfinite(points), axis=1)
     bad = np.diff(np.concatenate([[0], np.cumsum(~finite)])[first]) > 0
     kept, rejections = screen(ScanSeries, name, {"t": t}, refused={"non-finite points": bad})
     if not len(kept):
-        return None, rejections, said
+        return None, rejections, passed
     sizes = np.diff(first)[kept]
     picked = np.concatenate([points[first[k] : first[k + 1]] for k in kept])
     offsets = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-    return ScanSeries(t=t[kept], row=kept, first=offsets, points_b=picked), rejections, said
+    return ScanSeries(t=t[kept], row=kept, first=offsets, points_b=picked), rejections, passed
 
 
 def _read_arrays(path: Path, names: Sequence[str]) -> dict[str, NDArray[Any]]:

@@ -46,7 +46,7 @@ from gtsam_nav.preprocess.repeats import without_repeats
 from gtsam_nav.readers._clock import on_mission_time
 from gtsam_nav.readers._edge_table import read_edges
 from gtsam_nav.readers._gnss import OFF_THE_GLOBE, OFF_THE_GLOBE_MENDED, Fixes
-from gtsam_nav.readers._mended_table import PAST_MIDNIGHT, mended, onto_one_day
+from gtsam_nav.readers._mended_table import mended, onto_one_day, said_of_midnight
 from gtsam_nav.readers._mission_yaml import (
     EDGES,
     LANDMARK_MAP,
@@ -130,7 +130,11 @@ def read_described(
         progress("read mission", k / len(described.sensors))
         reading.add(name, entry)
     progress("read mission", 1.0)
-    told = onto_one_day(reading.sensors, reading.rejections, reading.past_midnight)
+    night = reading.past_midnight
+    told = [
+        *said_of_midnight(night),
+        *onto_one_day(reading.sensors, reading.rejections, night),
+    ]
     mission = Mission(
         name=described.name or folder.resolve().name,
         sensors=reading.sensors,
@@ -162,7 +166,7 @@ class _Reading:
     sources: list[Path] = field(default_factory=list)
     landmark_map: LandmarkMap | None = None
     edges: PoseEdges | None = None
-    past_midnight: set[str] = field(default_factory=set)
+    past_midnight: list[str] = field(default_factory=list)
     unread: dict[Path, dict[str, tuple[str, ...]]] = field(default_factory=dict)
 
     def add(self, name: str, entry: SensorEntry) -> None:
@@ -206,8 +210,8 @@ class _Reading:
     def _series(self, name: str, entry: SensorEntry, path: Path) -> Cleaned:
         if entry.type in ("beams", "scans"):
             read_points = read_beams if entry.type == "beams" else read_scans
-            series, rejections, said = read_points(name, path)
-            self._say(name, path, said)
+            series, rejections, midnight = read_points(name, path)
+            self.past_midnight += [name] * midnight
             return series, rejections
         if entry.type == "clouds":
             return self._clouds(name, path)
@@ -218,8 +222,9 @@ class _Reading:
         table = self._table(name, entry, path, layout)
         model = NOISE_MODELS.get(entry.type)
         noise = None if model is None else model.model_validate(entry.noise)
-        table, said = mended(table, noise, layout)
-        self._say(name, path, said)
+        table, said, midnight = mended(table, noise, layout)
+        self.warnings += [f"sensor '{name}': {path.name} {what}" for what in said]
+        self.past_midnight += [name] * midnight
         if table.has(GEODETIC_COLUMNS):
             series, rejections = self._geodetic(name, table, noise, layout)
             return series, rejections + table.cut(name)
@@ -279,11 +284,6 @@ class _Reading:
             self.warnings.append(f"{where}: the last line is damaged: left out{cut}")
         self.unread.setdefault(path, {})[name] = table.unknown
         return table
-
-    def _say(self, name: str, path: Path, said: Sequence[str]) -> None:
-        self.warnings += [f"sensor '{name}': {path.name} {what}" for what in said]
-        if PAST_MIDNIGHT in said:
-            self.past_midnight.add(name)
 
     def unknown_columns(self) -> Iterator[str]:
         """What is said of columns that no sensor takes."""

@@ -137,13 +137,14 @@ def test_nis_against_its_own_degrees_of_freedom(dof: int) -> None:
     assert consistency(np.empty(0), dof) is None
 
 
-def test_far_too_little_covariance_is_said_in_words() -> None:
+def test_far_too_little_or_too_much_covariance_is_said_in_words() -> None:
     honest, timid = consistency(np.full(10, 2.0), 2), consistency(np.full(10, 0.1), 2)
     sure = consistency(np.full(10, 18.0), 2)
     assert honest is not None
     assert timid is not None
     assert sure is not None
-    assert honest.overconfidence == timid.overconfidence == ""
-    assert sure.overconfidence == "the errors are 3.0 times what the covariance states"
+    assert honest.doubt == ""
+    assert timid.doubt == "the covariance states errors 4.5 times what they are"
+    assert sure.doubt == "the errors are 3.0 times what the covariance states"
     metrics = TrajectoryMetrics(nees=sure, coverage=1.0)
     assert "nees       18.00 (2 degrees of freedom): the errors are 3.0 times" in str(metrics)

@@ -143,6 +143,28 @@ def test_a_failed_run_is_announced(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize(
+    ("factor", "said"),
+    [
+        (1e-4, "times what the covariance states"),
+        (1.0, None),
+        (1e4, "the covariance states errors"),
+    ],
+)
+def test_a_covariance_that_is_far_off_is_to_be_noted(
+    tmp_path: Path, factor: float, said: str | None
+) -> None:
+    honest = solutions.dr_solution()
+    cov = honest.trajectory.cov_pose_n
+    assert cov is not None
+    told = replace(honest.trajectory, cov_pose_n=factor * cov)
+    text = write_report([replace(honest, trajectory=told)], tmp_path).read_text(encoding="utf-8")
+    notes = text.partition("Take note:")[2].partition("</ul>")[0]
+    assert ("dr: NEES" in notes) == (said is not None)
+    assert said is None or said in notes
+
+
+@pytest.mark.usefixtures("undrawn")
 def test_a_mission_without_reference_says_that_nothing_is_scored(tmp_path: Path) -> None:
     bare = replace(
         solutions.without_origin(solutions.graph_solution()), reference=None, slow_states=None

@@ -25,7 +25,7 @@ def test_seconds_of_the_day_go_on_past_midnight(tmp_path: Path) -> None:
     np.testing.assert_allclose(mission.sensors["a"].series.t, STAMPS - STAMPS[0])
     assert mission.rejections == ()
     (warning,) = [w for w in mission.warnings if "midnight" in w]
-    assert "sensor 'a': a.csv has seconds of the day" in warning
+    assert "seconds of the day are the stamps of 'a', and they pass midnight" in warning
 
 
 def test_sensors_on_either_side_of_midnight_are_of_one_night(tmp_path: Path) -> None:
@@ -46,7 +46,30 @@ def test_sensors_on_either_side_of_midnight_are_of_one_night(tmp_path: Path) -> 
     begins = {name: float(s.series.t[0]) for name, s in mission.sensors.items()}
     assert begins == {"x": 0.0, "late": 80.0, "beams": 0.0}
     assert [len(s.series) for s in mission.sensors.values()] == [120, 40, 120]
-    assert sum("midnight" in warning for warning in mission.warnings) == 3
+    passing, late = [warning for warning in mission.warnings if "midnight" in warning]
+    assert "'x', 'beams'" in passing
+    assert "the stamps of 'late' begin after" in late
+
+
+@pytest.mark.parametrize(("first_s", "duration_s"), [(0.0, 20.0), (0.4, 20.0), (5.0, 200.0)])
+def test_a_log_counted_from_power_up_is_of_no_day(
+    tmp_path: Path, first_s: float, duration_s: float
+) -> None:
+    up = np.arange(first_s, first_s + duration_s, 0.5)
+    night = np.arange(86_340.0, 86_460.0) % DAY_S
+    files = {"a.csv": depths(night), "b.csv": depths(up), "c.csv": depths(night)}
+    sensors = {name: {"type": "depth", "file": f"{name}.csv"} for name in "abc"}
+    mission = open_mission(make_folder(tmp_path, files, sensors))
+    assert "b" not in mission.sensors
+    assert any("'b' is left out" in w and "time_offset_s" in w for w in mission.warnings)
+    assert not any("next day's" in w and "'b'" in w for w in mission.warnings)
+
+
+def test_a_last_line_that_was_cut_off_is_of_its_day(tmp_path: Path) -> None:
+    files = {"a.csv": depths(STAMPS % DAY_S) + "10.0,"}
+    mission = open_mission(make_folder(tmp_path, files, {"a": {"type": "depth", "file": "a.csv"}}))
+    (cut,) = mission.rejections
+    assert cut.t == pytest.approx(20.0)
 
 
 def test_two_midnights_and_missing_stamps() -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import count
 from typing import Any
 
 import gtsam
@@ -18,6 +19,7 @@ from gtsam_nav.graph.readings import Maker, Reading, StateAt, as_given
 from gtsam_nav.graph.robust import GatedRobustness
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.first_fixes import located
+from gtsam_nav.sensors.fix_errors import AlikeFixes, alike_fixes, white_sigma
 from gtsam_nav.sensors.noise import GnssNoise
 from gtsam_nav.sensors.rates import angular_rate_b
 from gtsam_nav.series import GnssSeries, IntArray
@@ -34,8 +36,9 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
     depth sensor.
     """
     level = mission.first("depth") is not None and not config.gnss.use_height
-    for number, receiver in enumerate(mission.of_type("gnss")):
-        _add_positions(problem, receiver, number, level, config.graph.robust.gnss)
+    processes = count()
+    for receiver in mission.of_type("gnss"):
+        _add_positions(problem, receiver, processes, level, config.graph.robust.gnss)
         if config.gnss.use_velocity:
             _add_velocities(problem, mission, receiver, level, config.graph.robust.gnss_velocity)
 
@@ -49,44 +52,50 @@ def _within(problem: Problem, gnss: Sensor, lag_s: float = 0.0) -> GnssSeries:
 
 
 def _add_positions(
-    problem: Problem, gnss: Sensor, number: int, level: bool, robustness: GatedRobustness
+    problem: Problem,
+    gnss: Sensor,
+    processes: Iterator[int],
+    level: bool,
+    robustness: GatedRobustness,
 ) -> None:
     """Antenna positions; an error that fixes share is a state of its own.
 
-    It is a Gauss-Markov sequence over the keyframes with fixes.
+    It is a Gauss-Markov sequence over the keyframes with fixes that are alike.
     """
     series = _within(problem, gnss)
     series = series.select(located(series))
     if not len(series):
         return
-    keyframe = problem.keyframe_nearest(series.t)
     noise = GnssNoise.model_validate(gnss.noise)
-    shares_error = noise.correlated_share > 0
+    keyframe = problem.keyframe_nearest(series.t)
     carried = problem.motion.displacement_variance(series.t, problem.t[keyframe])
-    sigma = np.sqrt(series.sigma**2 * (1 - noise.correlated_share) + carried[:, None])
+    sigma = np.sqrt(white_sigma(series, noise) ** 2 + carried[:, None])
     if level:
         sigma[:, 2] = np.inf
-    if shares_error:
-        _add_shared_error(problem, gnss.name, number, keyframe, series.sigma, noise)
     arm_b = _arms(problem, gnss, series.t, keyframe)
-    if shares_error:
-        keys = [(error_key(number, k), int(X(k))) for k in keyframe.tolist()]
-        maker = _with_errors(keys, series.p_n, arm_b - gnss.xyz_b, gnss.xyz_b, sigma)
-    else:
-        rows = zip(keyframe.tolist(), series.p_n, arm_b, sigma, strict=True)
-        maker = as_given([factors.gnss(X(k), p_n, arm, own) for k, p_n, arm, own in rows])
-    for i, k in enumerate(keyframe.tolist()):
-        problem.readings[k].append(
-            Reading(
-                t=float(series.t[i]),
-                sensor=gnss.name,
-                index=int(series.row[i]),
-                maker=maker,
-                row=i,
-                robustness=robustness,
-                reason=POSITION_OUTLIER,
+    for alike in alike_fixes(series, noise):
+        at, arms, own = keyframe[alike.which], arm_b[alike.which], sigma[alike.which]
+        fixes = series.select(alike.which)
+        if alike.share:
+            process = next(processes)
+            _add_shared_error(problem, gnss.name, process, at, alike, noise.correlation_time_s)
+            keys = [(error_key(process, k), int(X(k))) for k in at.tolist()]
+            maker = _with_errors(keys, fixes.p_n, arms - gnss.xyz_b, gnss.xyz_b, own)
+        else:
+            rows = zip(at.tolist(), fixes.p_n, arms, own, strict=True)
+            maker = as_given([factors.gnss(X(k), p_n, arm, s) for k, p_n, arm, s in rows])
+        for i, k in enumerate(at.tolist()):
+            problem.readings[k].append(
+                Reading(
+                    t=float(fixes.t[i]),
+                    sensor=gnss.name,
+                    index=int(fixes.row[i]),
+                    maker=maker,
+                    row=i,
+                    robustness=robustness,
+                    reason=POSITION_OUTLIER,
+                )
             )
-        )
 
 
 def _with_errors(
@@ -118,28 +127,28 @@ def _arms(problem: Problem, gnss: Sensor, t: Array, keyframe: IntArray) -> Array
     return np.asarray(np.einsum("kji,kj->ki", problem.R_nb[keyframe], moved_n))
 
 
-def error_key(receiver: int, k: int) -> int:
-    """Key of a receiver's shared error at keyframe k."""
-    return int(G(receiver * RECEIVER_STRIDE + k))
+def error_key(process: int, k: int) -> int:
+    """Key of a shared error at keyframe k."""
+    return int(G(process * RECEIVER_STRIDE + k))
 
 
 def _add_shared_error(
     problem: Problem,
     name: str,
-    number: int,
+    process: int,
     keyframe: IntArray,
-    sigma_fixes: Array,
-    noise: GnssNoise,
+    alike: AlikeFixes,
+    time_s: float,
 ) -> None:
     keyframes = np.unique(keyframe)
-    sigma = float(np.median(sigma_fixes[:, :2])) * np.sqrt(noise.correlated_share)
-    shared = gauss_markov(problem.t[keyframes], sigma, noise.correlation_time_s)
+    sigma = float(np.sqrt(np.mean(alike.shared_sigma[:2] ** 2)))
+    shared = gauss_markov(problem.t[keyframes], sigma, time_s)
     for i, k in enumerate(keyframes.tolist()):
-        key = error_key(number, k)
+        key = error_key(process, k)
         problem.add_variable(k, key, gtsam.NavState())
         problem.add(k, name, frame_factors.gnss_error_prior(key, float(shared.tie[i])))
         if i:
-            previous = error_key(number, int(keyframes[i - 1]))
+            previous = error_key(process, int(keyframes[i - 1]))
             link = frame_factors.gnss_error_link(previous, key, float(shared.link[i - 1]))
             problem.add(k, name, link)
 
