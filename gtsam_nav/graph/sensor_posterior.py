@@ -17,6 +17,7 @@ from gtsam_nav.errors import EstimationError
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.backend import planar_rows
 from gtsam_nav.graph.dissection import fronts_of
+from gtsam_nav.graph.elimination import Elimination
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.multifrontal import Factor
 from gtsam_nav.graph.problem import RECEIVER_STRIDE, Problem
@@ -218,7 +219,8 @@ def _of_inverse(system: LinearSystem, selection: Any, n_keyframes: int) -> Array
     place = np.where(keyframe >= 0, keyframe, np.nan)[:, None]
     fronts, parent = fronts_of(system.H[rest][:, rest], node, place)
     try:
-        factor = Factor(system.H, [rest[own] for own in fronts], parent)
+        order = Elimination(system.H, [rest[own] for own in fronts], parent)
+        factor = Factor(system.H, order)
         L = cholesky(factor.remainder(system.H).toarray(), lower=True, check_finite=False)
     except np.linalg.LinAlgError as error:
         raise EstimationError(UNDETERMINED) from error
