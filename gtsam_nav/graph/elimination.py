@@ -85,7 +85,7 @@ def pattern_of(blocks: Sequence[IntArray], n: int) -> Any:
     """Ones throughout given blocks of columns, as `Elimination` takes what is to meet; (n, n)."""
     from scipy.sparse import coo_array
 
-    members = np.concatenate([np.empty(0, dtype=np.int64), *blocks])
+    members = np.concatenate([np.empty(0, dtype=np.int32), *blocks], dtype=np.int32)
     sizes = np.array([len(block) for block in blocks], dtype=np.int64)
     # each member meets all of its block, which stands from ``first`` on
     meets = np.repeat(sizes, sizes)

@@ -74,10 +74,10 @@ class KnotSystem:
     def __init__(
         self, graph: Any, values: Any, keyframes: IntArray, problem: Problem, touching: Any
     ) -> None:
-        self.system = linearised(graph, values, problem)
+        self.system, H = linearised(graph, values, problem)
         self.keys = {X(k) for k in keyframes.tolist()}
         self.turn = _turned_into_n(self.system, keyframes)
-        H = (self.turn @ self.system.H @ self.turn.T).tocsc()
+        H = (self.turn @ H @ self.turn.T).tocsc()
         keyframe = keyframes_of_columns(self.system, len(problem.t))
         # a variable's covariance is wanted whole, whether its parts touch or not
         own = [np.arange(c.start, c.stop) for c in self.system.columns.values()]

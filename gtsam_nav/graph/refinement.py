@@ -197,6 +197,7 @@ class JointRefinement:
                 system = KnotSystem(graph, values, keyframes, self.problem, touching)
                 before = np.zeros((len(keyframes), 3))
             A, gradient = self._normal_equations(origin, placed, by_x, surroundings, gate)
+            del placed, by_x
             posterior = system.with_sonar(A, gradient, before)
             values = posterior.moved()
             moved = np.max(np.abs(posterior.planar - before)[:, :2], axis=1)
