@@ -124,8 +124,8 @@ class KnotSystem:
         """A matrix over the planar poses as one over all outer variables."""
         from scipy.sparse import coo_array
 
-        A = A.tocoo()
-        places = (self.planar[A.row], self.planar[A.col])
+        A, planar = A.tocoo(), self.planar.astype(np.int32)
+        places = (planar[A.row], planar[A.col])
         return coo_array((A.data, places), shape=self._H.shape).tocsc()
 
 
