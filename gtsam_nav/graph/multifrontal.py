@@ -96,6 +96,7 @@ class Factor:
                 brought[parent].append((border, left))
             elif len(border):
                 self._remainders.append((border - plan.n_eliminated, left))
+            del left  # its parent alone is to hold it
             yield front
 
     def remainder(self, matrix: Any) -> Any:
