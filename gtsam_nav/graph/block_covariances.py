@@ -16,8 +16,9 @@ import numpy as np
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.backend import Covariances
 from gtsam_nav.graph.dissection import fronts_of
+from gtsam_nav.graph.elimination import Elimination, pattern_of
 from gtsam_nav.graph.factors import X
-from gtsam_nav.graph.multifrontal import Factor, pattern_of
+from gtsam_nav.graph.multifrontal import Factor
 from gtsam_nav.graph.sensor_posterior import (
     free_part,
     keyframe_of,
@@ -65,9 +66,10 @@ def _by_fronts(graph: Any, values: Any, groups: Sequence[tuple[int, ...]]) -> li
     columns, jacobian, _ = whitened_jacobian(graph, values)
     own = {key: np.arange(part.start, part.stop) for key, part in columns.items()}
     wanted = [np.concatenate([own[key] for key in keys]) for keys in groups]
-    H = jacobian.T @ jacobian
+    H = (jacobian.T @ jacobian).tocsc()
     meeting = abs(H) + pattern_of(wanted, H.shape[0])
-    factor = Factor(H, *fronts_of(meeting, *_nodes(columns, values)), meeting)
+    fronts = fronts_of(meeting, *_nodes(columns, values))
+    factor = Factor(H, Elimination(meeting, *fronts))
     found = factor.covariances(wanted)
     return [_whole_tangents(keys, cov) for keys, cov in zip(groups, found, strict=True)]
 

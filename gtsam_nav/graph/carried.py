@@ -14,7 +14,7 @@ import numpy as np
 
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.factors import parts
-from gtsam_nav.graph.preintegration import InertialStep
+from gtsam_nav.graph.preintegration import InertialStep, Readings
 from gtsam_nav.preprocess.running_turns import running_turns
 from gtsam_nav.series import BoolArray, IntArray
 
@@ -77,8 +77,9 @@ def carried(
     elapsed : sequence of ndarray
         Times of each after its keyframe, increasing, s.
     """
-    pieces = _pieces(steps, elapsed)
-    omega_b, force_b = _in_body_axes(steps, biases)
+    readings = [step.readings() for step in steps]
+    pieces = _pieces([own.dt for own in readings], elapsed)
+    omega_b, force_b = _in_body_axes(steps, readings, biases)
     R_0k = running_turns(omega_b[pieces.row] * pieces.dt[:, None], pieces.place)
     # a reading pushes along the attitude that it finds
     found = np.where((pieces.place > 0)[:, None, None], np.roll(R_0k, 1, axis=0), np.eye(3))
@@ -92,11 +93,11 @@ def carried(
     )
 
 
-def _pieces(steps: Sequence[InertialStep], elapsed: Sequence[Array]) -> _Pieces:
-    counts = np.array([len(step.dt) for step in steps])
-    ends = np.concatenate([np.cumsum(step.dt) for step in steps])
+def _pieces(durations: Sequence[Array], elapsed: Sequence[Array]) -> _Pieces:
+    counts = np.array([len(dt) for dt in durations])
+    ends = np.concatenate([np.cumsum(dt) for dt in durations])
     times = np.concatenate([ends, *elapsed])
-    index = np.arange(len(steps))
+    index = np.arange(len(durations))
     of = np.concatenate([np.repeat(index, counts), np.repeat(index, [len(t) for t in elapsed])])
     order = np.lexsort((times, of))
     of, times, is_end = of[order], times[order], order < len(ends)
@@ -107,13 +108,15 @@ def _pieces(steps: Sequence[InertialStep], elapsed: Sequence[Array]) -> _Pieces:
     return _Pieces(of, row, place, dt, ~is_end)
 
 
-def _in_body_axes(steps: Sequence[InertialStep], biases: Sequence[Any]) -> tuple[Array, Array]:
+def _in_body_axes(
+    steps: Sequence[InertialStep], readings: Sequence[Readings], biases: Sequence[Any]
+) -> tuple[Array, Array]:
     """Rates and specific forces at the body's origin, (n, 3) each: less biases, and less what the
     turning presses an IMU at the end of its arm outward with."""
     omega, force = [], []
-    for step, bias in zip(steps, biases, strict=True):
+    for step, own, bias in zip(steps, readings, biases, strict=True):
         mount = step.parameters.getBodyPSensor()
-        omega_b, force_b = step.gyro - bias.gyroscope(), step.accel - bias.accelerometer()
+        omega_b, force_b = own.gyro - bias.gyroscope(), own.accel - bias.accelerometer()
         if mount is not None:
             R_bs, arm_b = mount.rotation().matrix(), mount.translation()
             omega_b, force_b = omega_b @ R_bs.T, force_b @ R_bs.T

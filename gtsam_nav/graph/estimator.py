@@ -22,11 +22,12 @@ from gtsam_nav.graph.knot_system import JointPosterior
 from gtsam_nav.graph.loop_judging import judged
 from gtsam_nav.graph.measurements import build_problem, clouds
 from gtsam_nav.graph.online import OnlinePass, run_online
-from gtsam_nav.graph.output import smoothed_covariances
+from gtsam_nav.graph.output import constant_errors, smoothed_covariances
 from gtsam_nav.graph.outset import Ready, made_ready, mission_keyframes, start_and_motion
 from gtsam_nav.graph.problem import Problem, SensorFactor
 from gtsam_nav.graph.refinement import JointRefinement, Refined, refine_without_sonar
 from gtsam_nav.graph.scan_calibration import ScanCalibration, calibrate_by_scans, planar_of
+from gtsam_nav.graph.sensor_posterior import SensorPosterior
 from gtsam_nav.graph.settling import Settled
 from gtsam_nav.graph.solved import EchoData, SolvedGraph, solution_of
 from gtsam_nav.graph.submap_loops import ScanLoops, close_submap_loops, with_matches
@@ -74,10 +75,11 @@ def _estimated(mission: Mission, config: Config, clock: StageClock, progress: Pr
     ready = made_ready(mission, config, clock, progress)
     ready, echoes = _echoes(ready, clock, progress)
     problem = _built(ready, echoes, clock)
-    solved = _solved(problem, ready, echoes, clock, progress)
+    solved, posterior = _solved(problem, ready, echoes, clock, progress)
     with clock.stage("covariance"), states_named(problem):
         give_back()
-        covariances = _covariances(problem, solved.graph, solved.refined)
+        covariances = _covariances(problem, solved.graph, posterior)
+        del posterior  # its fronts make room for the trajectory
         give_back()
     return solution_of(ready, echoes, solved, covariances)
 
@@ -110,8 +112,9 @@ def _built(ready: Ready, echoes: EchoData, clock: StageClock) -> Problem:
 
 def _solved(
     problem: Problem, ready: Ready, echoes: EchoData, clock: StageClock, progress: Progress
-) -> SolvedGraph:
-    """The causal pass, the judgement of its loops, the batch and the refinement."""
+) -> tuple[SolvedGraph, SensorPosterior | JointPosterior]:
+    """The causal pass, the judgement of its loops, the batch and the refinement; the Gaussian about
+    the solution."""
     config, sonar = ready.config, echoes.sonar
     scan_keyframe = np.searchsorted(problem.t, echoes.t_scans)
     with clock.stage("isam2"), states_named(problem):
@@ -135,7 +138,7 @@ def _solved(
         graph, refined = _refined(
             problem, settled, match_factors, cloud_loops.entries, joined, config, progress
         )
-    return SolvedGraph(
+    solved = SolvedGraph(
         problem=problem,
         scan_keyframe=scan_keyframe,
         wants_false=bool(faults),
@@ -145,8 +148,11 @@ def _solved(
         match_factors=match_factors,
         cloud_loops=cloud_loops,
         graph=graph,
-        refined=refined,
+        values=refined.values,
+        constants=constant_errors(problem, refined.posterior.constants),
+        converged=refined.converged,
     )
+    return solved, refined.posterior
 
 
 def _scan_loops(
@@ -228,7 +234,9 @@ def _cloud_track(
         return None, (f"the clouds are not used: {error}",)
 
 
-def _covariances(problem: Problem, graph: Any, refined: Refined) -> dict[int, Array]:
+def _covariances(
+    problem: Problem, graph: Any, posterior: SensorPosterior | JointPosterior
+) -> dict[int, Array]:
     """Marginal covariances of keyframes, compass frames, IMU biases, landmarks and range scales."""
     index = range(len(problem.t))
     keys = [X(k) for k in index]
@@ -236,7 +244,6 @@ def _covariances(problem: Problem, graph: Any, refined: Refined) -> dict[int, Ar
     keys += [B(k) for k in index] if problem.uses_imu else []
     keys += problem.landmarks.values()
     keys += problem.range_scales.values()
-    posterior = refined.posterior
     if isinstance(posterior, JointPosterior):
         covariances = posterior.covariances(keys)
     else:

@@ -17,8 +17,9 @@ import numpy as np
 from gtsam_nav.errors import EstimationError
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.dissection import fronts_of
+from gtsam_nav.graph.elimination import Elimination, pattern_of
 from gtsam_nav.graph.factors import X
-from gtsam_nav.graph.multifrontal import Factor, pattern_of
+from gtsam_nav.graph.multifrontal import Factor
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.sensor_posterior import (
     UNDETERMINED,
@@ -73,32 +74,33 @@ class KnotSystem:
     def __init__(
         self, graph: Any, values: Any, keyframes: IntArray, problem: Problem, touching: Any
     ) -> None:
-        self.system = linearised(graph, values, problem)
+        self.system, H = linearised(graph, values, problem)
         self.keys = {X(k) for k in keyframes.tolist()}
         self.turn = _turned_into_n(self.system, keyframes)
-        H = (self.turn @ self.system.H @ self.turn.T).tocsc()
+        H = (self.turn @ H @ self.turn.T).tocsc()
         keyframe = keyframes_of_columns(self.system, len(problem.t))
         # a variable's covariance is wanted whole, whether its parts touch or not
         own = [np.arange(c.start, c.stop) for c in self.system.columns.values()]
         meeting = abs(H) + pattern_of(own, len(self.system.g))
         inner = _between(meeting, keyframe, keyframes, len(problem.t))
-        self.chain = _eliminated(H, *_components(meeting, inner), meeting)
+        inner_first = Elimination(meeting, *_components(meeting, inner))
+        self.chain = _eliminated(H, inner_first)
         self._H = self.chain.remainder(H)
         self.right = self.chain.forward(self.turn @ np.column_stack([self.system.g, self.system.h]))
         starts = np.array([self.system.columns[X(k)].start for k in keyframes.tolist()])
         planar = (starts[:, None] + PLANAR_PART).ravel()
-        self.planar = self.chain.place[planar] - np.count_nonzero(inner)
+        self.planar = inner_first.place[planar] - inner_first.n_eliminated
         is_planar = np.zeros(self._H.shape[0], dtype=bool)
         is_planar[self.planar] = True
-        node, node_keyframe = _nodes(keyframe[self.chain.left_over], is_planar)
+        left = inner_first.left_over
+        node, node_keyframe = _nodes(keyframe[left], is_planar)
         places = np.array(
             [[*values.atNavState(X(k)).position()[:2], k] for k in range(len(problem.t))]
         )
         place = np.where(node_keyframe[:, None] >= 0, places[node_keyframe], np.nan)
-        left = self.chain.left_over
-        borders = pattern_of(self.chain.borders(), len(left))
-        self._meeting = meeting[left][:, left] + borders + self._among_outer(touching)
-        self._fronts = fronts_of(self._meeting, node, place)
+        borders = pattern_of(inner_first.touched_left_over, len(left))
+        meeting = meeting[left][:, left] + borders + self._among_outer(touching)
+        self._elimination = Elimination(meeting, *fronts_of(meeting, node, place))
 
     def with_sonar(self, A: Any, gradient: Array, step: Array) -> JointPosterior:
         """The Gaussian that the sensors and the sonar make together.
@@ -115,15 +117,15 @@ class KnotSystem:
         whole = self._H + self._among_outer(A)
         right = self.right[-whole.shape[0] :].copy()
         right[self.planar, 0] += gradient + A @ step.ravel()
-        factor = _eliminated(whole, *self._fronts, self._meeting)
+        factor = _eliminated(whole.tocsc(), self._elimination)
         return JointPosterior(self, factor, factor.solve(right))
 
     def _among_outer(self, A: Any) -> Any:
         """A matrix over the planar poses as one over all outer variables."""
         from scipy.sparse import coo_array
 
-        A = A.tocoo()
-        places = (self.planar[A.row], self.planar[A.col])
+        A, planar = A.tocoo(), self.planar.astype(np.int32)
+        places = (planar[A.row], planar[A.col])
         return coo_array((A.data, places), shape=self._H.shape).tocsc()
 
 
@@ -171,11 +173,11 @@ class JointPosterior:
     def covariances(self, keys: Sequence[int]) -> list[Array]:
         """Marginal covariances of variables' free parts, constant errors included."""
         chain, columns = self._knots.chain, self._knots.system.columns
-        n_inner = len(chain.place) - len(self._outer)
+        place, n_inner = chain.elimination.place, chain.elimination.n_eliminated
         own = [np.arange(columns[key].start, columns[key].stop) for key in keys]
-        is_outer = [bool(np.all(chain.place[c] >= n_inner)) for c in own]
-        borders = chain.borders()
-        wanted = [chain.place[c] - n_inner for c, outer in zip(own, is_outer, strict=True) if outer]
+        is_outer = [bool(np.all(place[c] >= n_inner)) for c in own]
+        borders = chain.elimination.touched_left_over
+        wanted = [place[c] - n_inner for c, outer in zip(own, is_outer, strict=True) if outer]
         found = self._factor.covariances(borders + wanted)
         of_outer = iter(found[len(borders) :])
         of_inner = iter(
@@ -247,8 +249,8 @@ def _nodes(keyframe: IntArray, is_planar: BoolArray) -> tuple[IntArray, IntArray
     return node, codes // 2
 
 
-def _eliminated(matrix: Any, columns: list[IntArray], parent: list[int], meeting: Any) -> Factor:
+def _eliminated(matrix: Any, elimination: Elimination) -> Factor:
     try:
-        return Factor(matrix, columns, parent, meeting)
+        return Factor(matrix, elimination)
     except np.linalg.LinAlgError as error:
         raise EstimationError(UNDETERMINED) from error

@@ -13,10 +13,9 @@ from gtsam_nav.graph.exported import match_weight
 from gtsam_nav.graph.factors import B, parts
 from gtsam_nav.graph.measurements.edges import KeyframeEdge
 from gtsam_nav.graph.problem import Problem
-from gtsam_nav.graph.refinement import Refined
 from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.graph.scan_matching import LOOP, SCAN_MATCH, ScanMatch
-from gtsam_nav.graph.sensor_posterior import CALIBRATION, SensorPosterior, free_part
+from gtsam_nav.graph.sensor_posterior import CALIBRATION, Constants, SensorPosterior, free_part
 from gtsam_nav.mission import Mission, Rejection
 from gtsam_nav.series import IntArray
 from gtsam_nav.solution import LandmarkEstimates, LoopClosure, SlowStates
@@ -56,12 +55,11 @@ def keyframe_trajectory(t: Array, states: list[Any], covariances: list[Array]) -
     )
 
 
-def constant_errors(problem: Problem, refined: Refined) -> dict[str, tuple[float, float]]:
+def constant_errors(problem: Problem, constants: Constants) -> dict[str, tuple[float, float]]:
     """Constant errors of the sensors by name with unit: estimates and sigmas, all sensors together.
 
     Those of the velocity that are known beforehand are left out.
     """
-    constants = refined.posterior.constants
     mean, cov = constants.mean, constants.cov
     names = [f"velocity_{name}" for name in CALIBRATION] + [c.name for c in problem.constants]
     if problem.timing is not None:

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import gtsam
 import numpy as np
@@ -60,6 +60,14 @@ def imu_parameters(
     return of
 
 
+class Readings(NamedTuple):
+    """Specific force (n, 3), rate (n, 3), and how long each reading lasts (n,)."""
+
+    accel: Array
+    gyro: Array
+    dt: Array
+
+
 @dataclass(frozen=True)
 class InertialStep:
     """Readings from one keyframe to the next, preintegrated when that is first asked for.
@@ -72,8 +80,11 @@ class InertialStep:
         At which they are integrated.
     parameters : gtsam.PreintegrationParams
         Of this step alone: they hold its gravity.
-    accel, gyro, dt : ndarray, shapes (n, 3), (n, 3) and (n,)
-        Specific force, rate, and how long each lasts.
+    readings : callable
+        Gives them, made anew each time: all of a mission's would take as much room as the IMU's
+        samples.
+    span_s : float
+        From the one keyframe to the other.
     walking : gtsam.PreintegrationCombinedParams or None
         Of biases that walk meanwhile. The noise is then the combined form's: GTSAM's combined
         factor knows no NavState, and ties the walk of the biases to what it does to the motion;
@@ -83,9 +94,8 @@ class InertialStep:
     k: int
     bias: Any
     parameters: Any
-    accel: Array
-    gyro: Array
-    dt: Array
+    readings: Callable[[], Readings]
+    span_s: float
     walking: Any = None
 
     @cached_property
@@ -104,8 +114,8 @@ class InertialStep:
         return factor.cloneWithNewNoiseModel(gtsam.noiseModel.Gaussian.Covariance(cov))
 
     def _integrated(self, pim: Any) -> Any:
-        add = pim.integrateMeasurement
-        for f, omega, dt in zip(list(self.accel), list(self.gyro), self.dt.tolist(), strict=True):
+        add, (accel, gyro, durations) = pim.integrateMeasurement, self.readings()
+        for f, omega, dt in zip(list(accel), list(gyro), durations.tolist(), strict=True):
             add(f, omega, dt)
         return pim
 
@@ -121,7 +131,6 @@ class InertialStep:
         Readings that a bias turns by w t feel gravity off by g (w t)^2 / 2 along the vertical.
         """
         moved = float(np.linalg.norm(bias.gyroscope() - self.bias.gyroscope()))
-        span_s = float(np.sum(self.dt))
-        left_out_m_s = GRAVITY_M_S2 * moved**2 * span_s**3 / 6
-        variance = float(self.parameters.getAccelerometerCovariance()[0, 0]) * span_s
+        left_out_m_s = GRAVITY_M_S2 * moved**2 * self.span_s**3 / 6
+        variance = float(self.parameters.getAccelerometerCovariance()[0, 0]) * self.span_s
         return left_out_m_s / float(np.sqrt(variance))

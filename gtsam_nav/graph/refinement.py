@@ -18,7 +18,6 @@ import numpy as np
 
 from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.graph.factors import X
-from gtsam_nav.graph.heap import give_back
 from gtsam_nav.graph.knot_system import JointPosterior, KnotSystem
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.scan_pairs import PlacedEchoes, ScanPairs, nearby_scans
@@ -185,7 +184,6 @@ class JointRefinement:
         system: KnotSystem | None = None
         while not settled and count < s.max_iterations:
             posterior = None  # its fronts make room for pairs of echoes, and these for the next
-            give_back()
             origin = self._planar_of(values)
             placed = self._place(origin)
             by_x = sorted_by_x(placed.xy, self.scan, self.scan_first)
@@ -197,6 +195,7 @@ class JointRefinement:
                 system = KnotSystem(graph, values, keyframes, self.problem, touching)
                 before = np.zeros((len(keyframes), 3))
             A, gradient = self._normal_equations(origin, placed, by_x, surroundings, gate)
+            del placed, by_x
             posterior = system.with_sonar(A, gradient, before)
             values = posterior.moved()
             moved = np.max(np.abs(posterior.planar - before)[:, :2], axis=1)

@@ -17,6 +17,7 @@ from gtsam_nav.errors import EstimationError
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.backend import planar_rows
 from gtsam_nav.graph.dissection import fronts_of
+from gtsam_nav.graph.elimination import Elimination
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.multifrontal import Factor
 from gtsam_nav.graph.problem import RECEIVER_STRIDE, Problem
@@ -55,7 +56,8 @@ class Constants:
 class LinearSystem:
     """Normal equations of a linearised graph, and of the constant errors D beside its variables.
 
-    ``H x + h D = g`` and ``h' x + h_dd D = g_d``, the errors' prior included.
+    ``H x + h D = g`` and ``h' x + h_dd D = g_d``, the errors' prior included. H, the largest part,
+    stands apart.
 
     Attributes
     ----------
@@ -63,13 +65,11 @@ class LinearSystem:
         Where the graph was linearised.
     columns : dict of int to slice
         Where each variable's free part stands in a step.
-    H : scipy.sparse.csc_array, shape (N, N)
     g, h, h_dd, g_d : ndarray, shapes (N,), (N, p), (p, p) and (p,)
     """
 
     values: Any
     columns: dict[int, slice]
-    H: Any
     g: Array
     h: Array
     h_dd: Array
@@ -101,21 +101,21 @@ def constants_given(system: LinearSystem, left: Array, x: Array, U: Array) -> Co
     return Constants(cov @ (system.g_d - left.T @ x), cov)
 
 
-def linearised(graph: Any, values: Any, problem: Problem) -> LinearSystem:
+def linearised(graph: Any, values: Any, problem: Problem) -> tuple[LinearSystem, Any]:
     """Linearise a graph that begins with the problem's own factors in their order, and the
-    readings in use."""
+    readings in use; its H, sparse (N, N), beside the rest."""
     columns, jacobian, b = whitened_jacobian(graph, values)
     effect, precision, prior_mean = _constant_errors(problem, values)
     both = min(len(b), len(effect))
-    return LinearSystem(
+    system = LinearSystem(
         values=values,
         columns=columns,
-        H=(jacobian.T @ jacobian).tocsc(),
         g=jacobian.T @ b,
         h=jacobian[:both].T @ effect[:both],
         h_dd=effect.T @ effect + np.diag(precision),
         g_d=effect[:both].T @ b[:both] + precision * prior_mean,
     )
+    return system, (jacobian.T @ jacobian).tocsc()
 
 
 def whitened_jacobian(graph: Any, values: Any) -> tuple[dict[int, slice], Any, Array]:
@@ -134,7 +134,7 @@ def whitened_jacobian(graph: Any, values: Any) -> tuple[dict[int, slice], Any, A
 
     columns, place = _columns(tuple(sorted(values.keys())))
     i, j, s = graph.linearize(values).sparseJacobian_()
-    row, column = i.astype(np.int64) - 1, place[j.astype(np.int64) - 1]
+    row, column = i.astype(np.int32) - 1, place.astype(np.int32)[j.astype(np.int32) - 1]
     b = np.zeros(int(row.max()) + 1)
     right, left = column == RIGHT_SIDE, column >= 0
     b[row[right]] = s[right]
@@ -183,11 +183,11 @@ def sensor_posterior(
     """
     from scipy.sparse.linalg import splu
 
-    system = linearised(graph, values, problem)
+    system, H = linearised(graph, values, problem)
     try:
         # least degree first: as good as the order of time on a chain, and where loops are closed
         factor = splu(
-            system.H,
+            H,
             permc_spec="MMD_AT_PLUS_A",
             diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
@@ -199,11 +199,12 @@ def sensor_posterior(
     spread = np.asarray(U @ np.linalg.cholesky(constants.cov))
     selection = _planar_selection(system, keyframes)
     planar_spread = selection.T @ spread
-    planar_cov = _of_inverse(system, selection, len(problem.t)) + planar_spread @ planar_spread.T
+    keyframe = keyframes_of_columns(system, len(problem.t))
+    planar_cov = _of_inverse(H, keyframe, selection) + planar_spread @ planar_spread.T
     return SensorPosterior(system, x - U @ constants.mean, constants, spread, planar_cov)
 
 
-def _of_inverse(system: LinearSystem, selection: Any, n_keyframes: int) -> Array:
+def _of_inverse(H: Any, keyframe: IntArray, selection: Any) -> Array:
     """``selection' H^-1 selection``: all columns that it leaves out are eliminated first.
 
     Without closures time is all that joins keyframes, so that halves of it make narrow fronts.
@@ -213,13 +214,14 @@ def _of_inverse(system: LinearSystem, selection: Any, n_keyframes: int) -> Array
     if not selection.shape[1]:
         return np.empty((0, 0))
     kept = np.unique(selection.nonzero()[0])
-    rest = np.setdiff1d(np.arange(len(system.g)), kept)
-    keyframe, node = np.unique(keyframes_of_columns(system, n_keyframes)[rest], return_inverse=True)
+    rest = np.setdiff1d(np.arange(H.shape[0]), kept)
+    keyframe, node = np.unique(keyframe[rest], return_inverse=True)
     place = np.where(keyframe >= 0, keyframe, np.nan)[:, None]
-    fronts, parent = fronts_of(system.H[rest][:, rest], node, place)
+    fronts, parent = fronts_of(H[rest][:, rest], node, place)
     try:
-        factor = Factor(system.H, [rest[own] for own in fronts], parent)
-        L = cholesky(factor.remainder(system.H).toarray(), lower=True, check_finite=False)
+        order = Elimination(H, [rest[own] for own in fronts], parent)
+        factor = Factor(H, order)
+        L = cholesky(factor.remainder(H).toarray(), lower=True, check_finite=False)
     except np.linalg.LinAlgError as error:
         raise EstimationError(UNDETERMINED) from error
     W = solve_triangular(L, selection[kept].toarray(), lower=True, check_finite=False)

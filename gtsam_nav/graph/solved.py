@@ -27,7 +27,6 @@ from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.measurements.edges import keyframe_edges
 from gtsam_nav.graph.online import OnlinePass
 from gtsam_nav.graph.output import (
-    constant_errors,
     keyframe_trajectory,
     landmark_estimates,
     loop_closures,
@@ -37,7 +36,6 @@ from gtsam_nav.graph.output import (
 )
 from gtsam_nav.graph.outset import Ready
 from gtsam_nav.graph.problem import Problem, SensorFactor
-from gtsam_nav.graph.refinement import Refined
 from gtsam_nav.graph.scan_calibration import ScanCalibration
 from gtsam_nav.graph.scan_matching import ScanMatch
 from gtsam_nav.graph.settling import Settled
@@ -81,9 +79,10 @@ class EchoData:
 class SolvedGraph:
     """The graph at its solution, and what became of the loops on the way.
 
-    ``graph`` is what ``refined`` rests on; ``match_factors`` are those of the ``matches`` that were
+    ``graph`` is what ``values`` rest on; ``match_factors`` are those of the ``matches`` that were
     accepted, in their order; ``wants_false`` whether false ones were asked for;
-    ``unsure`` why the echoes were not registered jointly.
+    ``unsure`` why the echoes were not registered jointly; ``constants`` the sensors' constant
+    errors, each with its sigma.
     """
 
     problem: Problem
@@ -95,7 +94,9 @@ class SolvedGraph:
     match_factors: list[SensorFactor]
     cloud_loops: CloudLoops
     graph: Any
-    refined: Refined
+    values: Any
+    constants: dict[str, tuple[float, float]]
+    converged: bool
 
     @property
     def settled(self) -> Settled:
@@ -112,14 +113,13 @@ def solution_of(
     ready: Ready, echoes: EchoData, solved: SolvedGraph, covariances: dict[int, Array]
 ) -> Solution:
     """What is told of it; ``covariances`` are those of its variables."""
-    problem, settled, values = solved.problem, solved.settled, solved.refined.values
+    problem, settled, values = solved.problem, solved.settled, solved.values
     online = solved.online
     robust, mission, t_scans = ready.config.graph.robust, echoes.mission, echoes.t_scans
     loops = solved.cloud_loops.loops
     stated = list(keyframe_edges(problem.t, mission))
     rows = weighed(problem, solved.timed_matches(t_scans), settled.used, values)
-    constants = constant_errors(problem, solved.refined)
-    clock_offsets = (*ready.clocks.offsets(constants), *(c.clock for c in echoes.by_scans))
+    clock_offsets = (*ready.clocks.offsets(solved.constants), *(c.clock for c in echoes.by_scans))
     keyframes = _keyframes(problem.t, values, covariances)
     trajectory = dense_trajectory(problem, values, keyframes, covariances)
     points, map_warnings = _map(echoes.sonar, echoes.track, trajectory, ready.config)
@@ -151,7 +151,7 @@ def solution_of(
             *suspected_constants(mission, problem, settled, values, rows),
             *contradictions(rows),
         ),
-        slow_states=slow_states(problem, values, covariances, constants),
+        slow_states=slow_states(problem, values, covariances, solved.constants),
         clock_offsets=clock_offsets,
         pose_graph=pose_graph(
             problem, values, solved.matches, solved.scan_keyframe, loops, stated, robust.loops
@@ -168,7 +168,7 @@ def _warnings(
     ready: Ready, echoes: EchoData, solved: SolvedGraph, clock_offsets: Iterable[ClockOffset]
 ) -> Iterator[str]:
     """What the user must hear of how it came about."""
-    problem, settled, refined = solved.problem, solved.settled, solved.refined
+    problem, settled = solved.problem, solved.settled
     yield from echoes.mission.warnings
     yield from problem.warnings
     yield from ready.warnings
@@ -178,7 +178,7 @@ def _warnings(
     yield from solved.unsure
     yield from (warning for offset in clock_offsets for warning in offset.warnings)
     yield from unaided(ready.mission, problem)
-    yield from doubts(problem, settled, converged=refined.converged)
+    yield from doubts(problem, settled, converged=solved.converged)
     yield from missing_loops(solved.wants_false, solved.matches)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import gtsam
@@ -9,7 +10,7 @@ import numpy as np
 
 from gtsam_nav.frames import Array, rotation_from_rpy
 from gtsam_nav.graph.carried import carried
-from gtsam_nav.graph.preintegration import InertialStep
+from gtsam_nav.graph.preintegration import InertialStep, Readings
 
 EARTH_N = np.array([5e-5, 0.0, -5e-5])
 MOUNT = gtsam.Pose3(gtsam.Rot3(rotation_from_rpy([3.1, 0.1, 0.4])), np.array([0.3, -0.2, 0.1]))
@@ -24,14 +25,16 @@ def step_of(rng: np.random.Generator, k: int, readings: int, *, mounted: bool) -
     swing = np.linspace(0.0, 5.0, readings)[:, None]
     gyro = 0.2 * np.sin(swing + rng.uniform(0, 6, 3)) + rng.normal(scale=1e-3, size=(readings, 3))
     accel = np.array([0.5, 0.2, 9.6]) + rng.normal(scale=0.3, size=(readings, 3))
-    return InertialStep(k, BIAS, parameters, accel, gyro, rng.uniform(0.008, 0.012, readings))
+    given = Readings(accel, gyro, rng.uniform(0.008, 0.012, readings))
+    return InertialStep(k, BIAS, parameters, lambda: given, float(np.sum(given.dt)))
 
 
 def predicted(step: InertialStep, before: Any, t: float) -> Any:
     """By GTSAM, reading by reading until that time."""
     pim = gtsam.PreintegratedImuMeasurements(step.parameters, BIAS)
     begin = 0.0
-    for f, omega, dt in zip(step.accel, step.gyro, step.dt.tolist(), strict=True):
+    accel, gyro, durations = step.readings()
+    for f, omega, dt in zip(accel, gyro, durations.tolist(), strict=True):
         if begin < t:
             pim.integrateMeasurement(f, omega, min(dt, t - begin))
         begin += dt
@@ -54,8 +57,7 @@ def test_all_intervals_are_carried_as_each_one_is() -> None:
     steps = [step_of(rng, k, 200 + 40 * k, mounted=k != 1) for k in range(3)]
     before = states(rng, 3)
     elapsed: list[Array] = [
-        np.append(np.sort(rng.uniform(0, float(np.sum(step.dt)), 5)), np.sum(step.dt))
-        for step in steps
+        np.append(np.sort(rng.uniform(0, step.span_s, 5)), step.span_s) for step in steps
     ]
     elapsed[0] = np.append(0.0, elapsed[0])
     got = carried(steps, before, [BIAS] * 3, elapsed)
@@ -82,7 +84,8 @@ def test_readings_a_tenth_as_long_are_ten_times_as_near() -> None:
         parameters.setOmegaCoriolis(EARTH_N)
         swing = np.linspace(0.0, 5.0, n)[:, None]
         gyro, accel = 0.2 * np.sin(swing + np.arange(3)), np.cos(swing - np.arange(3))
-        step = InertialStep(1, BIAS, parameters, accel, gyro, np.full(n, 4.0 / n))
+        given = Readings(accel, gyro, np.full(n, 4.0 / n))
+        step = InertialStep(1, BIAS, parameters, partial(Readings, *given), 4.0)
         (before,) = states(rng, 1)
         got = carried([step], [before], [BIAS], [np.array([4.0])])
         state = predicted(step, before, 4.0)

@@ -10,6 +10,7 @@ from scipy.sparse import csc_array, csr_array
 
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.dissection import LARGEST_UNDIVIDED, nested_dissection
+from gtsam_nav.graph.elimination import Elimination
 from gtsam_nav.graph.multifrontal import Factor
 
 
@@ -84,7 +85,7 @@ def test_solution_and_covariances_equal_the_dense_ones(place: Array) -> None:
     rng = np.random.default_rng(5)
     H = positive(neighbours(place, 9.0), rng)
     fronts = nested_dissection(pattern(H), place, np.ones(len(place), dtype=int))
-    factor = Factor(H, fronts.nodes, fronts.parent)
+    factor = Factor(H, Elimination(H, fronts.nodes, fronts.parent))
     b = rng.normal(size=(len(place), 3))
     np.testing.assert_allclose(factor.solve(b), np.linalg.solve(H.toarray(), b), atol=1e-12)
     inverse = np.linalg.inv(H.toarray())
@@ -99,8 +100,8 @@ def test_eliminating_some_columns_leaves_their_schur_complement(place: Array) ->
     H = positive(neighbours(place, 9.0), rng)
     seeds = [0, 100, 150]
     groups = [np.array([k]) for k in seeds]
-    partial = Factor(H, groups, [-1] * len(groups))
-    left = partial.left_over
+    partial = Factor(H, Elimination(H, groups, [-1] * len(groups)))
+    left = partial.elimination.left_over
     dense = H.toarray()
     gain = dense[np.ix_(left, seeds)] @ np.linalg.inv(dense[np.ix_(seeds, seeds)])
     schur = dense[np.ix_(left, left)] - gain @ dense[np.ix_(seeds, left)]
@@ -108,15 +109,43 @@ def test_eliminating_some_columns_leaves_their_schur_complement(place: Array) ->
     np.testing.assert_allclose(remainder.toarray(), schur, atol=1e-12)
 
     fronts = nested_dissection(pattern(remainder), place[left], np.ones(len(left), dtype=int))
-    rest = Factor(remainder, fronts.nodes, fronts.parent)
+    rest = Factor(remainder, Elimination(remainder, fronts.nodes, fronts.parent))
     b = rng.normal(size=(len(place), 2))
     y = partial.forward(b)
     y[-len(left) :] = rest.solve(y[-len(left) :])
     np.testing.assert_allclose(partial.backward(y), np.linalg.solve(dense, b), atol=1e-12)
     inverse = np.linalg.inv(dense)
-    of_borders = rest.covariances(partial.borders())
+    of_borders = rest.covariances(partial.elimination.touched_left_over)
     for k, cov in zip(seeds, partial.covariances(groups, of_borders), strict=True):
         np.testing.assert_allclose(cov, inverse[k, k], atol=1e-12)
+
+
+def test_wide_fronts_and_what_meets_without_an_entry() -> None:
+    """Borders of several panels, of which a parent takes some into its own columns."""
+    rng = np.random.default_rng(8)
+    n, widths = 500, [20, 30, 150, 300]
+    dense = rng.normal(size=(n, n))
+    dense = dense @ dense.T + n * np.eye(n)
+    dense[:20, 20:50] = dense[20:50, :20] = 0.0
+    dense[:20, 400:] = dense[400:, :20] = 0.0
+    columns = np.split(np.arange(n), np.cumsum(widths)[:-1])
+    pattern = csc_array(dense != 0.0).astype(float)
+    meeting = csc_array(([1.0, 1.0], ([3, 450], [450, 3])), shape=(n, n))
+    factor = Factor(csc_array(dense), Elimination(pattern + meeting, columns, [2, 2, 3, -1]))
+    b = rng.normal(size=(n, 2))
+    np.testing.assert_allclose(factor.solve(b), np.linalg.solve(dense, b), atol=1e-12)
+    inverse = np.linalg.inv(dense)
+    wanted = [np.array(block) for block in ([450, 3], [60, 5, 310], [30, 499, 170])]
+    for block, cov in zip(wanted, factor.covariances(wanted), strict=True):
+        np.testing.assert_allclose(cov, inverse[np.ix_(block, block)], atol=1e-12)
+
+
+def test_an_entry_that_the_pattern_has_not_is_refused(place: Array) -> None:
+    H = positive(neighbours(place, 9.0), np.random.default_rng(9))
+    fronts = nested_dissection(pattern(H), place, np.ones(len(place), dtype=int))
+    elimination = Elimination(csc_array(np.eye(len(place))), fronts.nodes, fronts.parent)
+    with pytest.raises(ValueError, match="pattern"):
+        Factor(H, elimination)
 
 
 def test_an_indefinite_matrix_is_refused(place: Array) -> None:
@@ -124,7 +153,7 @@ def test_an_indefinite_matrix_is_refused(place: Array) -> None:
     H[20, 20] = -1.0
     fronts = nested_dissection(pattern(H), place, np.ones(len(place), dtype=int))
     with pytest.raises(np.linalg.LinAlgError):
-        Factor(csc_array(H), fronts.nodes, fronts.parent)
+        Factor(csc_array(H), Elimination(csc_array(H), fronts.nodes, fronts.parent))
 
 
 def test_a_course_that_is_repeated_is_cut_in_time() -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+from dataclasses import dataclass
+from functools import partial
 
 import gtsam
 import numpy as np
@@ -12,7 +13,7 @@ from gtsam_nav.frames import Array
 from gtsam_nav.graph.factors import B
 from gtsam_nav.graph.measurements.orientation import add_unmeasured_turn
 from gtsam_nav.graph.measurements.velocity import add_velocity
-from gtsam_nav.graph.preintegration import InertialStep, imu_parameters
+from gtsam_nav.graph.preintegration import InertialStep, Readings, imu_parameters
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.alignment import Alignment
@@ -59,7 +60,7 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
     assert isinstance(series, ImuSeries)
     problem.bias = gtsam.imuBias.ConstantBias(np.zeros(3), imu.R_bs.T @ problem.motion.gyro_bias_b)
     _add_biases(problem, imu)
-    readings = _readings_between(imu, problem.t)
+    samples = _samples(imu)
     gravity_n = gravity_at(problem.p_n, mission.origin)
     parameters = imu_parameters(imu, mission.origin)
     walking = None
@@ -68,13 +69,15 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
     covered = _covered(series, problem.t)
     has_tilt = mission.first("attitude") is not None
     for k in range(1, len(problem.t)):
+        before_s, t_s = problem.t[k - 1 : k + 1].tolist()
         if covered[k - 1]:
             g_n = gravity_n[k - 1]
             problem.steps[k] = InertialStep(
                 k,
                 problem.bias,
                 parameters(g_n),
-                *readings[k - 1],
+                partial(samples.between, before_s, t_s),
+                t_s - before_s,
                 walking=walking and walking(g_n),
             )
         elif problem.measures_velocity and has_tilt:
@@ -107,25 +110,40 @@ def _add_biases(problem: Problem, imu: Sensor) -> None:
         problem.add_variable(k, B(k), problem.bias)
 
 
-def _readings_between(imu: Sensor, t_key: Array) -> list[tuple[Array, Array, Array]]:
-    """Specific forces, rates and durations of the steps between keyframes, in IMU axes.
+@dataclass(frozen=True)
+class _Samples:
+    """Times (n,), specific forces (n, 3) and rates (n, 3) of an IMU, in its axes."""
 
-    Readings are linear between samples; the first and the last are held.
+    t: Array
+    accel: Array
+    gyro: Array
 
-    GTSAM knows the lever arm's centripetal force; its Euler force is taken off here.
-    """
+    def between(self, from_s: float, to_s: float) -> Readings:
+        """What they say of a stretch of time: linear between samples, the first and last held."""
+        inside = slice(np.searchsorted(self.t, from_s, "right"), np.searchsorted(self.t, to_s))
+        ends = np.array([from_s, to_s])
+        t = np.concatenate([ends[:1], self.t[inside], ends[1:]])
+        before = np.clip(np.searchsorted(self.t, ends, "right") - 1, 0, len(self.t) - 2)
+        span_s = self.t[before + 1] - self.t[before]
+        share = np.clip((ends - self.t[before]) / span_s, 0.0, 1.0)[:, None]
+
+        def means(samples: Array) -> Array:
+            first, last = (1 - share) * samples[before] + share * samples[before + 1]
+            at = np.vstack([first, samples[inside], last])
+            return np.asarray(0.5 * (at[1:] + at[:-1]))
+
+        return Readings(means(self.accel), means(self.gyro), np.diff(t))
+
+
+def _samples(imu: Sensor) -> _Samples:
+    """GTSAM knows the lever arm's centripetal force; its Euler force is taken off here."""
     series = imu.series
     assert isinstance(series, ImuSeries)
-    gyro_i, accel_i = series.gyro_i, series.accel_i
+    accel_i = series.accel_i
     if np.any(imu.xyz_b):
         arm_i = imu.R_bs.T @ imu.xyz_b
-        accel_i = accel_i - np.cross(np.gradient(gyro_i, series.t, axis=0), arm_i)
-    t = np.union1d(series.t, t_key)
-    columns = np.hstack([accel_i, gyro_i]).T
-    readings = np.stack([np.interp(t, series.t, column) for column in columns], axis=1)
-    means, dt = 0.5 * (readings[1:] + readings[:-1]), np.diff(t)
-    edges = np.searchsorted(t, t_key)
-    return [(means[a:b, :3], means[a:b, 3:], dt[a:b]) for a, b in pairwise(edges)]
+        accel_i = accel_i - np.cross(np.gradient(series.gyro_i, series.t, axis=0), arm_i)
+    return _Samples(series.t, accel_i, series.gyro_i)
 
 
 def _covered(imu: ImuSeries, t_key: Array) -> BoolArray:
@@ -158,7 +176,8 @@ def _coasting(problem: Problem, k: int, gravity_n: Array, imu: Sensor) -> Inerti
     # the estimated biases are taken off again
     force_b = -problem.R_nb[k - 1].T @ gravity_n + problem.bias.accelerometer()
     accel, gyro = (np.tile(one, (n, 1)) for one in (force_b, problem.bias.gyroscope()))
-    return InertialStep(k, problem.bias, parameters, accel, gyro, np.full(n, span_s / n))
+    steady = Readings(accel, gyro, np.full(n, span_s / n))
+    return InertialStep(k, problem.bias, parameters, lambda: steady, span_s)
 
 
 def _habit(t: Array, readings: Array) -> float:
