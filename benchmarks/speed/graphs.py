@@ -34,6 +34,7 @@ from gtsam_nav.graph.factors import X, insert
 from gtsam_nav.graph.measurements import build_problem
 from gtsam_nav.graph.online import run_online
 from gtsam_nav.graph.outset import mission_keyframes, start_and_motion
+from gtsam_nav.graph.preintegration import InertialStep, Readings
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.settling import settle
 from gtsam_nav.mission import Mission
@@ -128,6 +129,7 @@ def _once(mission: Mission, config: Config, recorder: Recorder) -> dict[str, flo
     problem, building_s = _problem(mission, config)
     step = config.graph.keyframes_per_update
     recipes = [_Recipe.of(graph, values) for graph, values in recorder.updates]
+    steps = [(step, step.readings()) for step in problem.steps if step is not None]
     marks = [time.process_time()]
     online = run_online(problem, None, NO_SCANS, config, no_progress)
     marks.append(time.process_time())
@@ -135,7 +137,7 @@ def _once(mission: Mission, config: Config, recorder: Recorder) -> dict[str, flo
     marks.append(time.process_time())
     _replay((recipe.made() for recipe in recipes), recorder.options, problem, step)
     marks.append(time.process_time())
-    _preintegrate(problem)
+    _preintegrate(steps)
     marks.append(time.process_time())
     graph, values = backend.graph_of(problem.entries), online.values
     marks.append(time.process_time())
@@ -236,8 +238,8 @@ def _replay(
             isam.marginalCovariance(X(j))
 
 
-def _preintegrate(problem: Problem) -> None:
-    for step in filter(None, problem.steps):
+def _preintegrate(steps: Iterable[tuple[InertialStep, Readings]]) -> None:
+    for step, own in steps:
         pim = gtsam.PreintegratedImuMeasurements(step.parameters, step.pim.biasHat())
-        for accel, gyro, dt in zip(step.accel, step.gyro, step.dt.tolist(), strict=True):
+        for accel, gyro, dt in zip(own.accel, own.gyro, own.dt.tolist(), strict=True):
             pim.integrateMeasurement(accel, gyro, dt)

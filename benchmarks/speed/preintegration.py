@@ -19,6 +19,7 @@ import gtsam_nav as gn
 from gtsam_nav.config import Config
 from gtsam_nav.graph.measurements import imu
 from gtsam_nav.graph.outset import mission_keyframes, start_and_motion
+from gtsam_nav.graph.preintegration import Readings
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.preprocess.motion import measures_velocity
 
@@ -59,28 +60,29 @@ def _once(mission: gn.Mission, config: Config, kind: str) -> tuple[float, float,
     made = [step.factor for step in steps]
     built = time.process_time()
     assert len(made) == len(steps) > 0
+    readings = [step.readings() for step in steps]
     bare = _standard if kind == "standard" else _combined
     looped = time.process_time()
-    bare(problem, steps)
+    bare(problem, steps, readings)
     end = time.process_time()
-    return built - begin, end - looped, sum(len(step.dt) for step in steps)
+    return built - begin, end - looped, sum(len(r.dt) for r in readings)
 
 
-def _standard(problem: Problem, steps: list[Any]) -> Any:
+def _standard(problem: Problem, steps: list[Any], readings: list[Readings]) -> Any:
     graph = gtsam.NonlinearFactorGraph()
-    for k, step in enumerate(steps, start=1):
+    for k, (step, own) in enumerate(zip(steps, readings, strict=True), start=1):
         pim = gtsam.PreintegratedImuMeasurements(step.parameters, problem.bias)
-        for f, omega, dt in zip(step.accel, step.gyro, step.dt, strict=True):
+        for f, omega, dt in zip(*own, strict=True):
             pim.integrateMeasurement(f, omega, dt)
         graph.push_back(gtsam.ImuFactor2(X(k - 1), X(k), B(k - 1), pim))
     return graph
 
 
-def _combined(problem: Problem, steps: list[Any]) -> Any:
+def _combined(problem: Problem, steps: list[Any], readings: list[Readings]) -> Any:
     graph = gtsam.NonlinearFactorGraph()
-    for k, step in enumerate(steps, start=1):
+    for k, (step, own) in enumerate(zip(steps, readings, strict=True), start=1):
         pim = gtsam.PreintegratedCombinedMeasurements(step.walking, problem.bias)
-        for f, omega, dt in zip(step.accel, step.gyro, step.dt, strict=True):
+        for f, omega, dt in zip(*own, strict=True):
             pim.integrateMeasurement(f, omega, dt)
         keys = (X(k - 1), V(k - 1), X(k), V(k), B(k - 1), B(k))
         graph.push_back(gtsam.CombinedImuFactor(*keys, pim))
