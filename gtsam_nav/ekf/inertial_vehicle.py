@@ -61,8 +61,9 @@ class InertialVehicle:
         P_n = R_nb @ self.P_start[RHO, RHO] @ R_nb.T
         self.P_start[RHO, RHO] = R_nb.T @ down @ P_n @ down @ R_nb
 
-    def advance(self) -> tuple[Array, Array]:
-        """Go to the next time: transition and added noise of the errors."""
+    def advance(self, P: Array) -> tuple[Array, Array]:
+        """Go to the next time: transition and added noise of the errors, whatever these are."""
+        del P
         self._k += 1
         span = self._strapdown.propagate(self.state, float(self._t[self._k]))
         kept = np.exp((self.state.t - span.state.t) / self._errors.time_s)
@@ -93,9 +94,15 @@ class InertialVehicle:
         J[:3, RHO] = J[3:, THETA] = self.state.body.R_nb
         return np.asarray(J @ P[:6, :6] @ J.T)
 
-    def after(self, P: Array, error: Array) -> Array:
+    def after(self, P: Array, error: Array, axes: int) -> Array:
         """The covariance in the axes that a correction has turned."""
+        del axes
         return in_turned_axes(P, error[THETA])
+
+    def before(self, H: Array, error: Array, axes: int) -> Array:
+        """The same Jacobian: within an update the axes count as not turned."""
+        del error, axes
+        return H
 
 
 class AidUpdates:

@@ -42,8 +42,9 @@ class Vehicle(Protocol):
     pose: slice
     P_start: Array
 
-    def advance(self) -> tuple[Array, Array]:
-        """Go to the next time: transition and added noise of the errors, (size, size) each."""
+    def advance(self, P: Array) -> tuple[Array, Array]:
+        """Go to the next time from errors of covariance P: their transition and added noise, all of
+        shape (size, size)."""
         ...
 
     def correct(self, error: Array) -> None:
@@ -65,8 +66,13 @@ class Vehicle(Protocol):
         errors is P."""
         ...
 
-    def after(self, P: Array, error: Array) -> Array:
+    def after(self, P: Array, error: Array, axes: int) -> Array:
         """The covariance of the whole state, its errors first, once this error is put right."""
+        ...
+
+    def before(self, H: Array, error: Array, axes: int) -> Array:
+        """A Jacobian (k, n) in the whole state's errors of now, in those before this one was put
+        right; ``axes`` are those of a landmark."""
         ...
 
 
@@ -125,7 +131,7 @@ class LandmarkFilter:
     def advance(self) -> None:
         """Let the vehicle go to its next time."""
         n = self.vehicle.size
-        Phi, Q = self.vehicle.advance()
+        Phi, Q = self.vehicle.advance(self.vehicle_cov)
         self.P[:n] = Phi @ self.P[:n]
         self.P[n:, :n] = self.P[:n, n:].T
         self.P[:n, :n] = self.P[:n, :n] @ Phi.T + Q
@@ -214,6 +220,7 @@ class LandmarkFilter:
             error = error + step
             expected, used = residual + H @ step, H
             residual, H = self._predicted(measured, landmarks)
+            H = self.vehicle.before(H, error, self.axes)
             if np.all(np.abs(residual - expected) < NONLINEAR_SIGMAS * sigma):
                 break
         self._contract(K, used, R, error)
@@ -256,7 +263,7 @@ class LandmarkFilter:
         """Joseph's (I - K H) P (I - K H)' + K R K', in the axes that the correction leaves."""
         left = np.eye(len(self.P)) - K @ H
         P = left @ self.P @ left.T + K @ R @ K.T
-        self.P = self.vehicle.after(0.5 * (P + P.T), error[: self.vehicle.size])
+        self.P = self.vehicle.after(0.5 * (P + P.T), error, self.axes)
 
     def widen(self) -> None:
         """Trust the vehicle's pose less: it has lost its landmarks."""

@@ -7,10 +7,14 @@ of the game, and the filter is the paper's. A step moves the vehicle by what odo
 and a compass, say of the span: forward and starboard increments d_x, d_y and a turn d_phi, each
 with zero-mean Gaussian noise of covariance Q::
 
-    n      += (1 + k) (d_x cos(course) - d_y sin(course))
-    e      += (1 + k) (d_x sin(course) + d_y cos(course))
+    n      += (m + k + s) (d_x cos(course) - d_y sin(course))
+    e      += (m + k + s) (d_x sin(course) + d_y cos(course))
     course += d_phi + c d_x + f b - w
     b      += -f b + w
+
+Of a step only the cosine of the course's error lies along the course. Its mean m (one in the paper)
+shortens the way, and what it differs from it, s, wanders with the course as an error of scale does:
+this bends the spread of positions as that of the courses bends them, which no straight line can.
 
 Noise of the compass does not add up: it is in a course of now, and that of the first reading in all
 courses since.
@@ -24,6 +28,7 @@ import math
 
 import numpy as np
 
+from gtsam_nav.ekf.whole_turn import covariance_after, jacobian_before
 from gtsam_nav.frames import Array, rotation_from_rpy
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.alignment import Alignment
@@ -31,6 +36,9 @@ from gtsam_nav.preprocess.planar_motion import PlanarMotion
 from gtsam_nav.sensors.orientation import tilt_at
 from gtsam_nav.sensors.prediction import BodyState
 from gtsam_nav.series import DepthSeries
+
+LOST_RAD = 0.3
+"""A course less certain than that is lost: its spread warns, and shortens the way no further."""
 
 
 class PlanarVehicle:
@@ -48,13 +56,13 @@ class PlanarVehicle:
 
     Attributes
     ----------
-    x : ndarray, shape (6,)
-        North, east, course, scale error, curvature, compass error.
-    P_start : ndarray, shape (6, 6)
+    x : ndarray, shape (7,)
+        North, east, course, scale error, curvature, compass error, shortening s.
+    P_start : ndarray, shape (7, 7)
         Covariance of the state at the start.
     """
 
-    size = 6
+    size = 7
     pose = slice(0, 3)
 
     def __init__(self, mission: Mission, motion: PlanarMotion, start: Alignment, t: Array) -> None:
@@ -64,42 +72,49 @@ class PlanarVehicle:
         self._R_level = rotation_from_rpy(np.column_stack([tilt, np.zeros(len(t))]))
         slow = [motion.scale_sigma, motion.curvature_sigma, motion.disturbance_sigma]
         self._white2 = motion.white_sigma**2
-        self.P_start = np.diag([*start.sigma_p[:2], start.sigma_rpy[2], *slow]) ** 2
+        self.P_start = np.diag([*start.sigma_p[:2], start.sigma_rpy[2], *slow, 0.0]) ** 2
         self.P_start[2, 2] += self._white2
+        self.P_start[6, 6] = _cosine_variance(self.P_start[2, 2])
         self._forgotten = -np.expm1(-self._dt / motion.disturbance_time_s)
         self._disturbance2 = motion.disturbance_sigma**2
         self._k = 0
-        self.x = np.array([*start.p_n[:2], start.rpy[2], 0.0, 0.0, 0.0])
+        self.x = np.array([*start.p_n[:2], start.rpy[2], 0.0, 0.0, 0.0, 0.0])
         self._v_n = np.zeros(3)
         self._body = self._whole()
 
-    def advance(self) -> tuple[Array, Array]:
-        """Go to the next time: the Jacobian A in the state, and the noise W Q W' that it adds."""
+    def advance(self, P: Array) -> tuple[Array, Array]:
+        """Go to the next time from a state of covariance P (7, 7): the Jacobian A in the state, and
+        the noise W Q W' that it adds."""
         k = self._k
-        course, scale, curvature, compass_error = self.x[2:].tolist()
+        course, scale, curvature, compass_error, shortening = self.x[2:].tolist()
         c, s = math.cos(course), math.sin(course)
         dx, dy = self._increments.displacement_b[k].tolist()
         north, east = c * dx - s * dy, s * dx + c * dy
+        factor = _mean_cosine(P[2, 2]) + scale + shortening
         forgotten = float(self._forgotten[k])
-        A = np.eye(6)
-        A[:2, 2] = -(1 + scale) * east, (1 + scale) * north
-        A[:2, 3] = north, east
+        A = np.eye(7)
+        A[:2, 2] = -factor * east, factor * north
+        A[:2, 3] = A[:2, 6] = north, east
         A[2, 4], A[2, 5], A[5, 5] = dx, forgotten, 1 - forgotten
-        W = np.zeros((6, 3))
+        W = np.zeros((7, 3))
         W[:3] = [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]
         variance = self._increments.variance[k].copy()
         if self._disturbance2:
             # the turn is as wrong as the compass's error has grown
             W[5, 2] = -1.0
             variance[2] = self._disturbance2 * (1 - (1 - forgotten) ** 2)
-        step = np.zeros(6)
-        step[:2] = (1 + scale) * north, (1 + scale) * east
+        A[6, 6], shortening_variance = _wandered(P, A[2], float(variance[2]))
+        step = np.zeros(7)
+        step[:2] = factor * north, factor * east
         step[2] = self._increments.turn[k] + curvature * dx + forgotten * compass_error
         step[5] = -forgotten * compass_error
+        step[6] = (A[6, 6] - 1) * shortening
         self._v_n = np.array([step[0] / self._dt[k], step[1] / self._dt[k], 0.0])
         self._k += 1
         self.correct(step)
-        return A, (W * variance) @ W.T
+        added = (W * variance) @ W.T
+        added[6, 6] = shortening_variance
+        return A, added
 
     def correct(self, error: Array) -> None:
         """Add to the state."""
@@ -119,9 +134,9 @@ class PlanarVehicle:
 
     @property
     def body_jacobian(self) -> Array:
-        """Errors of `BodyState` in those of the state, shape (9, 6)."""
+        """Errors of `BodyState` in those of the state, shape (9, 7)."""
         R_nb = self._body.R_nb
-        jacobian = np.zeros((9, 6))
+        jacobian = np.zeros((9, 7))
         jacobian[:3, 2] = R_nb[2]
         jacobian[3:6, :2] = R_nb[:2].T
         return jacobian
@@ -133,7 +148,7 @@ class PlanarVehicle:
 
         Parameters
         ----------
-        P : ndarray, shape (6, 6)
+        P : ndarray, shape (7, 7)
             Of the state.
         """
         cov = np.zeros((6, 6))
@@ -143,10 +158,37 @@ class PlanarVehicle:
         cov[3, 3] = cov[4, 4] = self._sigma_tilt[self._k] ** 2
         return cov
 
-    def after(self, P: Array, error: Array) -> Array:
-        """The same covariance: the errors are along fixed axes."""
-        del error
-        return P
+    def after(self, P: Array, error: Array, axes: int) -> Array:
+        """The covariance that a correction leaves; it tells nothing of a turn of all."""
+        return covariance_after(P, error, self.size, axes)
+
+    def before(self, H: Array, error: Array, axes: int) -> Array:
+        """A Jacobian of now in the errors before a correction."""
+        return jacobian_before(H, error, self.size, axes)
+
+
+def _mean_cosine(variance: float) -> float:
+    """Of a course's error."""
+    return math.exp(-0.5 * min(variance, LOST_RAD**2))
+
+
+def _cosine_variance(variance: float) -> float:
+    """Of the cosine of a course's error."""
+    return 0.5 * math.expm1(-variance) ** 2
+
+
+def _wandered(P: Array, A_course: Array, turn_variance: float) -> tuple[float, float]:
+    """Share of the shortening that a step keeps, and the variance that it adds.
+
+    The square of the course's error goes by the square of the share that the next has of this, and
+    after a correction of the course by as much as that has left.
+    """
+    now, then = float(P[2, 2]), float(A_course @ P @ A_course) + turn_variance
+    of_now = _cosine_variance(now)
+    kept = (float(A_course @ P[:, 2]) / now) ** 2 if now > 0 else 1.0
+    added = max(_cosine_variance(then) - kept**2 * of_now, 0.0)
+    left = math.sqrt(of_now / P[6, 6]) if P[6, 6] > of_now else 1.0
+    return kept * left, added
 
 
 def _depths(mission: Mission, start: Alignment, t: Array) -> tuple[Array, Array]:

@@ -153,9 +153,10 @@ def planar_motion(
     """Dead-reckon a mission in the plane; None where nothing measures its speed.
 
     The readings' errors are white; where wheels or a gyro are silent, with the density of their
-    usual rate. Between two readings the speed walks as ``settings`` say, by ``q L^3 / 12`` over a
-    step of L; with ``readings_suffice`` only over what exceeds the usual step. While only the water
-    is tracked, its motion is one velocity.
+    usual rate. Between two pings the speed walks as ``settings`` say, by ``q L^3 / 12`` over a step
+    of L; wheels and a gyro follow the vehicle at their usual rate, and miss only what exceeds it,
+    as pings do with ``readings_suffice``. While only the water is tracked, its motion is one
+    velocity.
 
     Raises
     ------
@@ -167,14 +168,13 @@ def planar_motion(
         return None
     start, stop = mission.span_s
     t, v_b, sigma_v = _held_to(readings.t, readings.v_b, readings.sigma, start, stop)
-    course, course_variance, is_heading = _course(mission, t, settings, readings_suffice)
+    course, course_variance, is_heading = _course(mission, t, settings)
     c, s, dt = np.cos(course), np.sin(course), np.diff(t)
     v = np.column_stack([c * v_b[:, 0] - s * v_b[:, 1], s * v_b[:, 0] + c * v_b[:, 1]])
     steps = 0.5 * (v[1:] + v[:-1]) * dt[:, None]
     density = sigma_v**2 * (_told_s(dt) if readings.by_pings else np.median(dt))
-    walk = (
-        _walk(density, dt) + settings.sigma_accel_m_s2**2 * _silence(dt, readings_suffice) ** 3 / 12
-    )
+    unseen = _silence(dt) if readings_suffice or not readings.by_pings else dt
+    walk = _walk(density, dt) + settings.sigma_accel_m_s2**2 * unseen**3 / 12
     moved = _summed(walk)
     variance = np.column_stack([moved, moved, course_variance])
     compass = _compass_errors(mission) if is_heading else (0.0, 1.0, 0.0)
@@ -202,10 +202,9 @@ def _told_s(dt: Array) -> Array:
     return np.asarray(0.5 * (np.append(0.0, dt) + np.append(dt, 0.0)))
 
 
-def _silence(dt: Array, readings_suffice: bool) -> Array:
-    """Over how much of each step the speed walks away, s."""
-    usual = np.median(dt) if readings_suffice else 0.0
-    return np.asarray(np.maximum(dt - usual, 0.0))
+def _silence(dt: Array) -> Array:
+    """By how much each step exceeds the usual one, s."""
+    return np.asarray(np.maximum(dt - np.median(dt), 0.0))
 
 
 def _summed(steps: Array) -> Array:
@@ -259,9 +258,7 @@ def _curvature_sigma(mission: Mission) -> float:
     return float(np.radians(noise.curvature_sigma_deg_m))
 
 
-def _course(
-    mission: Mission, t: Array, settings: MotionSettings, readings_suffice: bool
-) -> tuple[Array, Array, bool]:
+def _course(mission: Mission, t: Array, settings: MotionSettings) -> tuple[Array, Array, bool]:
     """Unwrapped course, summed variance, and whether it is a heading.
 
     A compass's error is a disturbance that comes and goes (`HeadingNoise`): as a random walk of the
@@ -277,10 +274,8 @@ def _course(
     t_rate, rate, sigma = _held_to(t_rate, rate[:, None], sigma, t[0], t[-1])
     dt = np.diff(t_rate)
     turned = _summed(0.5 * (rate[1:, 0] + rate[:-1, 0]) * dt)
-    walk = (
-        _walk(sigma**2 * np.median(dt), dt)
-        + settings.sigma_yaw_accel_rad_s2**2 * _silence(dt, readings_suffice) ** 3 / 12
-    )
+    unseen = _silence(dt)
+    walk = _walk(sigma**2 * np.median(dt), dt) + settings.sigma_yaw_accel_rad_s2**2 * unseen**3 / 12
     return np.interp(t, t_rate, turned), np.interp(t, t_rate, _summed(walk)), False
 
 

@@ -19,6 +19,7 @@ from gtsam_nav.sensors.landmarks import Sighting
 
 SIGMA_P, SIGMA_YAW = 0.2, 0.1
 T = np.array([0.0, 0.1, 0.3, 0.6])
+NO_ERROR = Alignment(0.0, np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), georeferenced=True)
 
 
 @pytest.fixture(scope="module")
@@ -58,15 +59,15 @@ def test_the_motion_jacobian_is_that_of_the_step(mission: Mission) -> None:
         moved = vehicle(mission)
         moved.correct(change)
         for _ in T[1:]:
-            moved.advance()
+            moved.advance(moved.P_start)
         return moved.x
 
-    A, exact = np.eye(6), vehicle(mission)
-    exact.correct(np.array([0.0, 0.0, 0.0, 0.02, 0.03, 0.05]))
+    base = np.array([0.0, 0.0, 0.0, 0.02, 0.03, 0.05, 0.01])
+    A, exact = np.eye(7), vehicle(mission)
+    exact.correct(base)
     for _ in T[1:]:
-        A = exact.advance()[0] @ A
-    base = np.array([0.0, 0.0, 0.0, 0.02, 0.03, 0.05])
-    numeric = [(after(base + e) - after(base - e)) / 2e-5 for e in 1e-5 * np.eye(6)]
+        A = exact.advance(exact.P_start)[0] @ A
+    numeric = [(after(base + e) - after(base - e)) / 2e-5 for e in 1e-5 * np.eye(7)]
     np.testing.assert_allclose(A, np.array(numeric).T, atol=1e-6)
 
 
@@ -84,6 +85,52 @@ def test_noise_of_the_odometry_adds_up(mission: Mission) -> None:
     assert np.trace(filtered.P[:2, :2]) == pytest.approx(2 * np.diff(variance[:, 0])[0], rel=0.05)
 
 
+def straight(length_s: float, turn_density: float) -> PlanarMotion:
+    """A vehicle that odometry sends straight ahead at 1 m/s, with noise of its turns alone."""
+    t = np.arange(0.0, length_s + 0.5)
+    variance = np.column_stack([np.zeros((len(t), 2)), turn_density**2 * t])
+    p, course = np.column_stack([t, 0 * t]), np.zeros(len(t))
+    return PlanarMotion(t, p, course, variance, False, scale_sigma=0.0, curvature_sigma=0.0)
+
+
+def test_a_course_that_wanders_bends_the_way(mission: Mission) -> None:
+    """Ahead, the position is off by second order in the course, and on average it falls short."""
+    motion, start = straight(100.0, 0.015), replace(NO_ERROR, sigma_rpy=np.full(3, 0.1))
+    filtered = LandmarkFilter(
+        PlanarVehicle(Mission("m", {}), motion, start, motion.t),
+        mission.sensors["landmarks"],
+        elevation=False,
+    )
+    for _ in motion.t[1:]:
+        filtered.advance()
+    rng, n = np.random.default_rng(3), 5_000
+    turns = np.hstack([0.1 * rng.normal(size=(n, 1)), 0.015 * rng.normal(size=(n, 99))])
+    courses = np.cumsum(turns, axis=1)
+    reached = np.column_stack([np.cos(courses).sum(axis=1), np.sin(courses).sum(axis=1)])
+    assert 100.0 - reached[:, 0].mean() > 0.5
+    np.testing.assert_allclose(state(filtered)[:2], reached.mean(axis=0), atol=0.2)
+    spread = np.cov(reached.T)
+    np.testing.assert_allclose(filtered.P[:2, :2].diagonal(), spread.diagonal(), rtol=0.1)
+
+
+@pytest.mark.parametrize("turned", [-0.3, 0.3])
+def test_a_drive_past_a_new_landmark_tells_no_course(mission: Mission, turned: float) -> None:
+    """Whatever its sightings correct: only of the way between them they tell something."""
+    motion, start = straight(20.0, 1e-4), replace(NO_ERROR, sigma_rpy=np.full(3, 0.2))
+    moved = PlanarVehicle(Mission("m", {}), motion, start, motion.t)
+    filtered = LandmarkFilter(moved, mission.sensors["landmarks"], elevation=False)
+    filtered.P[:2, :2] = 4.0 * np.eye(2)
+    buoy = np.array([10.0, 4.0])
+    filtered.augment(Landmark(7), Sighting(10.0, 0.4, None, 0.5, 0.05))
+    for k in range(1, 20):
+        filtered.advance()
+        offset = buoy - [k, 0.0]
+        measured = np.array([[np.hypot(*offset), np.arctan2(offset[1], offset[0])]])
+        measured[0, 1] += 0.05 * (-1) ** k + turned / 10
+        filtered.update(measured, np.diag([0.5, 0.05])[None] ** 2, np.array([0]))
+    assert np.sqrt(filtered.P[2, 2]) >= 0.2
+
+
 def test_augmentation_keeps_all_correlations(mission: Mission) -> None:
     rng = np.random.default_rng(1)
     filtered = slam(mission)
@@ -98,7 +145,7 @@ def test_augmentation_keeps_all_correlations(mission: Mission) -> None:
     angle = drawn[:, 2] + 0.4 + SIGMA_BEARING_RAD * rng.normal(size=n)
     placed = drawn[:, :2] + range_m[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
     sampled = np.cov(np.column_stack([drawn, placed]).T)
-    own = np.r_[0:3, 6:8]
+    own = np.r_[0:3, 7:9]
     np.testing.assert_allclose(filtered.P[np.ix_(own, own)], sampled, atol=3e-3)
     assert filtered.landmark_cov(0)[2, 2] == 0.0
 
@@ -112,7 +159,7 @@ def test_a_landmark_seen_again_at_once_changes_no_pose(mission: Mission) -> None
     np.testing.assert_allclose(state(filtered), before, atol=1e-12)
     # two equal looks from one place say nothing of that place, and halve the landmark's own error
     np.testing.assert_allclose(filtered.P[:3, :3], P[:3, :3], atol=1e-12)
-    assert np.trace(filtered.landmark_cov(0)) < np.trace(P[6:, 6:])
+    assert np.trace(filtered.landmark_cov(0)) < np.trace(P[7:, 7:])
 
 
 def test_the_update_is_the_least_squares_one(mission: Mission) -> None:
@@ -123,14 +170,14 @@ def test_the_update_is_the_least_squares_one(mission: Mission) -> None:
     measured, noise = z + np.array([0.03, -0.01]), np.diag([SIGMA_RANGE_M, SIGMA_BEARING_RAD]) ** 2
 
     def residual(x: Array) -> Array:
-        offset = x[6:8] - x[:2]
+        offset = x[7:9] - x[:2]
         angle = np.arctan2(offset[1], offset[0]) - x[2]
         return np.array([np.hypot(*offset), wrap_angle(angle)]) - measured
 
-    some = np.r_[0:3, 6:8]
+    some = np.r_[0:3, 7:9]
     x, information = before.copy(), np.linalg.inv(P[np.ix_(some, some)])
     for _ in range(20):
-        steps = 1e-6 * np.eye(8)
+        steps = 1e-6 * np.eye(9)
         H = np.array([(residual(x + e) - residual(x - e)) / 2e-6 for e in steps]).T[:, some]
         gradient = information @ (x - before)[some] + H.T @ np.linalg.solve(noise, residual(x))
         normal = information + H.T @ np.linalg.solve(noise, H)
@@ -159,7 +206,7 @@ def test_a_removed_landmark_leaves_the_rest_as_it_was(mission: Mission) -> None:
         filtered.augment(Landmark(k), seen(2.0 + k, 0.3 * k))
     x, P = state(filtered), filtered.P.copy()
     filtered.remove(1)
-    rest = np.r_[0:8, 10:12]
+    rest = np.r_[0:9, 11:13]
     np.testing.assert_array_equal(state(filtered), x[rest])
     np.testing.assert_array_equal(filtered.P, P[np.ix_(rest, rest)])
     assert [landmark.id for landmark in filtered.landmarks] == [0, 2]
@@ -187,7 +234,6 @@ def test_a_landmark_at_the_sensor_tells_no_bearing(mission: Mission) -> None:
 
 TIME_S = 20.0
 """In which a compass forgets its error."""
-NO_ERROR = Alignment(0.0, np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), georeferenced=True)
 
 
 def by_compass(**sigmas: float) -> PlanarMotion:
@@ -212,7 +258,7 @@ def test_a_compass_that_wanders_makes_the_course_no_worse_than_itself() -> None:
     moving = PlanarVehicle(Mission("m", {}), by_compass(disturbance_sigma=sigma), NO_ERROR, steps)
     P = moving.P_start.copy()
     for elapsed in steps[1:]:
-        A, noise = moving.advance()
+        A, noise = moving.advance(P)
         P = A @ P @ A.T + noise
         expected = 2 * sigma**2 * (1 - np.exp(-elapsed / TIME_S))
         assert P[2, 2] == pytest.approx(expected, rel=1e-6)

@@ -164,14 +164,34 @@ def test_nothing_that_moves_is_no_motion() -> None:
     assert planar_motion(rover(duration_s=5.0).without("odometry"), SETTINGS) is None
 
 
+BRISK = MotionSettings(sigma_accel_m_s2=5.0, sigma_yaw_accel_rad_s2=50.0)
+CALM = MotionSettings(sigma_accel_m_s2=1e-9, sigma_yaw_accel_rad_s2=1e-9)
+
+
 def test_readings_that_suffice_leave_no_walk_between_them() -> None:
-    mission = rover(0, duration_s=20.0)
-    settings = MotionSettings(sigma_yaw_accel_rad_s2=50)
-    walking = planar_motion(mission, settings)
-    told = planar_motion(mission, settings, readings_suffice=True)
-    calm = planar_motion(mission, MotionSettings(sigma_yaw_accel_rad_s2=1e-9))
+    always = np.ones(len(MINUTE_S), dtype=bool)
+    mission = dived(bottom_lock=always, valid=always, sigma=0.03)
+    walking = planar_motion(mission, BRISK)
+    told = planar_motion(mission, BRISK, readings_suffice=True)
+    calm = planar_motion(mission, CALM)
     assert walking is not None
     assert told is not None
     assert calm is not None
-    np.testing.assert_allclose(told.variance[-1, 2], calm.variance[-1, 2], rtol=1e-3)
-    assert walking.variance[-1, 2] > 1.5 * told.variance[-1, 2]
+    np.testing.assert_allclose(told.variance[-1], calm.variance[-1], rtol=1e-3)
+    assert walking.variance[-1, 0] > 1.5 * told.variance[-1, 0]
+
+
+def test_wheels_follow_the_vehicle_at_their_usual_rate() -> None:
+    """Their readings are of all that it does; only while they are silent something is missed."""
+    mission = rover(0, duration_s=20.0)
+    series = odometry_of(mission)
+    silent = series.select((series.t < 8.0) | (series.t > 12.0))
+    gap = mission.with_sensor(replace(mission.sensors["odometry"], series=silent))
+    brisk, calm, missed = (
+        planar_motion(m, s) for m, s in ((mission, BRISK), (mission, CALM), (gap, BRISK))
+    )
+    assert brisk is not None
+    assert calm is not None
+    assert missed is not None
+    np.testing.assert_allclose(brisk.variance[-1], calm.variance[-1], rtol=1e-3)
+    assert np.all(missed.variance[-1] > 1.5 * calm.variance[-1])
