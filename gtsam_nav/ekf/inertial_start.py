@@ -35,8 +35,22 @@ UNKNOWN_YAW_SIGMA_RAD = np.pi / np.sqrt(3)
 FOUND_YAW_SIGMA_RAD = np.radians(15.0)
 """Of a yaw that a smoother found: near enough for errors that are linear in it, and wide, since the
 same measurements tell it again."""
+FOUND_YAW_DRIFT_RAD = np.radians(10.0)
+"""What the gyro's bias turns such a yaw by until motion shows it."""
 GYROCOMPASS_SIGMA_RAD = np.radians(5.0)
 """Gyros whose biases turn a gyrocompass by more than this are none."""
+
+
+@dataclass(frozen=True)
+class FoundYaw:
+    """The yaw at the start, rad, and the gyro's biases (3,), rad/s, that a smoother found.
+
+    For ``unknown_s`` since the start the filter had known neither.
+    """
+
+    yaw: float
+    gyro_bias_b: Array
+    unknown_s: float
 
 
 @dataclass(frozen=True)
@@ -63,19 +77,21 @@ class InertialStart:
     georeferenced: bool
     arm_b: Array
 
-    def with_yaw(self, yaw: float) -> InertialStart:
-        """The same start with a yaw that was found since."""
+    def with_yaw(self, found: FoundYaw) -> InertialStart:
+        """The same start with a yaw that was found since, and known until motion shows it."""
         before = self.state.body.R_nb
         roll, pitch, _ = rpy_from_rotation(before)
-        rpy = np.array([roll, pitch, yaw])
+        rpy = np.array([roll, pitch, found.yaw])
         R_nb, P = rotation_from_rpy(rpy), self.P.copy()
-        for entries in (THETA, RHO):
+        most_drift = FOUND_YAW_DRIFT_RAD / max(found.unknown_s, 1.0)
+        for entries, most in ((THETA, FOUND_YAW_SIGMA_RAD), (GYRO_BIAS, most_drift), (RHO, np.inf)):
             P_n = before @ P[entries, entries] @ before.T
-            if entries == THETA:
-                P_n[2, 2] = FOUND_YAW_SIGMA_RAD**2
+            P_n[2, 2] = min(P_n[2, 2], most**2)
             P[entries, entries] = R_nb.T @ P_n @ R_nb
         p_n = self.state.p_n + (before - R_nb) @ self.arm_b
-        state = replace(self.state, q_nb_wxyz=quaternion_from_rpy(rpy), p_n=p_n)
+        state = replace(
+            self.state, q_nb_wxyz=quaternion_from_rpy(rpy), p_n=p_n, gyro_bias_b=found.gyro_bias_b
+        )
         return replace(self, state=state, P=P)
 
 

@@ -7,29 +7,27 @@ After the GPS/INS filters with outlier rejection for surface vessels; the forms 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
 from gtsam_nav.config import Config
 from gtsam_nav.ekf.aid import Aid
 from gtsam_nav.ekf.aiding import aids_of
-from gtsam_nav.ekf.error_state import UNKNOWN_YAW_RAD, compose, innovations
-from gtsam_nav.ekf.inertial_start import FOUND_YAW_SIGMA_RAD, inertial_start
+from gtsam_nav.ekf.error_state import innovations
+from gtsam_nav.ekf.inertial_start import inertial_start
 from gtsam_nav.ekf.ins_run import History, InsRun
-from gtsam_nav.ekf.rts import smooth
+from gtsam_nav.ekf.smoothing import from_found_yaw, smoothed_history
 from gtsam_nav.ekf.strapdown import (
     ACCEL_BIAS,
     GYRO_BIAS,
     NU,
     RHO,
-    SIZE,
     THETA,
     InertialState,
     Strapdown,
 )
 from gtsam_nav.errors import DataError, EstimationError
-from gtsam_nav.frames import Array, rotation_from_quaternion, rpy_from_rotation
+from gtsam_nav.frames import Array, rotation_from_quaternion
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.alignment import align
 from gtsam_nav.preprocess.stated_rest import stated_rests
@@ -77,13 +75,11 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     if config.ins_ekf.smooth:
         with clock.stage("smoother"):
             progress("smoother", 0.0)
-            smoothed = _smoothed(history)
-            if history.yaw_found and _yaw_was_found(history.nodes[0].P, smoothed):
-                yaw = float(rpy_from_rotation(smoothed.first.body.R_nb)[2])
-                del run, history  # as large as the pass that follows
-                run = InsRun(strapdown, start.with_yaw(yaw), aids, keep_all=True)
-                history = run.run(t, progress)
-                smoothed = _smoothed(history)
+            smoothed = smoothed_history(history)
+            if smoothed.began_without_yaw:
+                del run, history  # as large as those of the passes that follow
+                run, smoothed = from_found_yaw(strapdown, start, aids, smoothed, t, progress)
+                history = run.history
             states, P = smoothed.states, smoothed.P
             trajectory = _trajectory(states, P)
     progress("inertial navigation", 1.0)
@@ -141,36 +137,6 @@ def _unaided(aids: list[Aid], history: History, trajectory: Trajectory) -> tuple
         f" the end to a standard deviation of {float(np.hypot(*sigma_m[-1, :2])):.3g} m; GNSS, a"
         " DVL or odometry would hold it",
     )
-
-
-@dataclass(frozen=True)
-class _Smoothed:
-    """Smoothed states and covariances at the recorded times, and at the start."""
-
-    states: list[InertialState]
-    P: list[Array]
-    first: InertialState
-    P_first: Array
-
-
-def _smoothed(history: History) -> _Smoothed:
-    error, P = smooth(history.nodes, compose)
-    states = [history.nodes[k].state.corrected(error[k, :SIZE]) for k in (0, *history.recorded)]
-    return _Smoothed(states[1:], [P[k] for k in history.recorded], states[0], P[0])
-
-
-def _yaw_was_found(P_start: Array, smoothed: _Smoothed) -> bool:
-    """Whether the filter began without a yaw, and the smoother knows the one that it began with.
-
-    Backwards through a yaw that was unknown the errors are not linear: what later fixes tell is
-    laid onto tracks of another direction, and the smoother is worse than its filter. A second pass
-    that begins with the yaw that the first found is linear throughout.
-    """
-    down_b = smoothed.first.body.R_nb[2]
-    before, after = (
-        np.sqrt(down_b @ P[THETA, THETA] @ down_b) for P in (P_start, smoothed.P_first)
-    )
-    return bool(before > UNKNOWN_YAW_RAD and after < FOUND_YAW_SIGMA_RAD)
 
 
 def _trajectory(states: list[InertialState], P: list[Array]) -> Trajectory:

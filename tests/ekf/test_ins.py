@@ -241,24 +241,6 @@ def test_without_a_compass_the_motion_shows_the_heading() -> None:
     assert solution.georeferenced
 
 
-def test_the_smoother_is_better_than_a_filter_that_had_to_find_its_heading() -> None:
-    mission = laps(12).without("heading")
-    filtered, smoothed = estimate(mission), estimate(mission, "ins_ekf.smooth=true")
-    assert rms(error_m(smoothed, mission)) < 0.8 * rms(error_m(filtered, mission))
-    assert smoothed.online is not None
-    assert np.array_equal(smoothed.online.p_n, filtered.trajectory.p_n)
-
-
-def test_a_start_in_another_yaw_leaves_the_antenna_where_its_fix_was() -> None:
-    mission = laps().without("heading")
-    gnss = replace(mission.sensors["gnss"], xyz_b=np.array([3.0, 1.0, -2.0]))
-    start = inertial_start(mission.with_sensor(gnss), mission.sensors["imu"])
-    turned = start.with_yaw(2.0)
-    antenna_n, after_n = (s.state.p_n + s.state.body.R_nb @ gnss.xyz_b for s in (start, turned))
-    np.testing.assert_allclose(after_n, antenna_n)
-    np.testing.assert_allclose(antenna_n[:2], fixes_of(mission).p_n[0, :2], atol=1e-9)
-
-
 def test_readings_of_no_noise_do_no_harm() -> None:
     t = np.arange(5.0, 100.0, 10.0)
     exact = DepthSeries(t=t, depth_m=np.full(len(t), 0.1), sigma=np.zeros(len(t)))
