@@ -16,6 +16,7 @@ from gtsam_nav.errors import ConfigError
 if TYPE_CHECKING:
     from gtsam_nav.config import Config
     from gtsam_nav.mission import Mission
+    from gtsam_nav.preprocess.settings import MotionSettings
     from gtsam_nav.simulation import Fault
     from gtsam_nav.solution import Progress, Solution
 
@@ -63,20 +64,22 @@ def _has_clouds(mission: Mission) -> bool:
 
 @dataclass(frozen=True)
 class _Method:
-    """Where a method's ``estimate`` is, and what a mission must have for it."""
+    """Where a method's ``estimate`` is, what a mission must have for it, and whether it uses
+    landmarks."""
 
     module: str
     needs: tuple[Callable[[Mission], bool], ...]
+    uses_landmarks: bool = False
 
 
 _METHODS = {
     "dr": _Method("gtsam_nav.ekf.dead_reckoning", (_has_velocity,)),
     "ins-ekf": _Method("gtsam_nav.ekf.ins", (_has_imu,)),
-    "landmark-ekf": _Method("gtsam_nav.ekf.landmark_slam", (_has_landmarks, _has_motion)),
+    "landmark-ekf": _Method("gtsam_nav.ekf.landmark_slam", (_has_landmarks, _has_motion), True),
     "scan-match": _Method("gtsam_nav.ekf.scan_match", (_has_sonar, _has_velocity)),
     "pose-ekf": _Method("gtsam_nav.ekf.pose_slam", (_has_sonar, _has_velocity)),
     "kiss": _Method("gtsam_nav.odometry.dead_reckoning", (_has_clouds,)),
-    "graph": _Method("gtsam_nav.graph.estimator", (_moves,)),
+    "graph": _Method("gtsam_nav.graph.estimator", (_moves,), True),
 }
 
 
@@ -115,6 +118,24 @@ def _warnings_on_edges(method: str, mission: Mission) -> tuple[str, ...]:
 
     n = n_loops(mission)
     return (f"{n} edges close loops, which only the method graph uses",) if n else ()
+
+
+def _with_stated_wheels(mission: Mission, motion: MotionSettings) -> Mission:
+    """A mission whose vehicle rolls where the configuration says so, whatever its card says."""
+    if motion.nonholonomic is None:
+        return mission
+    constraints = replace(mission.constraints, nonholonomic=motion.nonholonomic)
+    return replace(mission, constraints=constraints)
+
+
+def _warnings_on_landmarks(method: str, mission: Mission) -> tuple[str, ...]:
+    """What a method that knows no landmarks leaves out, though it tells the place."""
+    seen = mission.of_type("landmarks")
+    if _METHODS[method].uses_landmarks or not seen:
+        return ()
+    names = " and ".join(f"'{sensor.name}'" for sensor in seen)
+    users = " or ".join(name for name, other in _METHODS.items() if other.uses_landmarks)
+    return (f"the landmarks of {names} are not used by {method}: {users} would",)
 
 
 def estimate(
@@ -178,10 +199,15 @@ def estimate(
 
         blind = inject(blind, faults, config.seed)
     _check_faults(method, blind)
-    blind = without_false_starts(blind)
+    blind = without_false_starts(_with_stated_wheels(blind, config.motion))
     motion, notes = fitted_to(blind, config.motion)
     config = config.model_copy(update={"motion": motion})
-    notes = (*notes, *warnings_on_turns(method, blind), *_warnings_on_edges(method, blind))
+    notes = (
+        *notes,
+        *warnings_on_turns(method, blind),
+        *_warnings_on_edges(method, blind),
+        *_warnings_on_landmarks(method, blind),
+    )
     blind = replace(blind, warnings=(*blind.warnings, *notes))
     run: Method = import_module(_METHODS[method].module).estimate
     try:

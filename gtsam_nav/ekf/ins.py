@@ -6,13 +6,14 @@ After the GPS/INS filters with outlier rejection for surface vessels; the forms 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from gtsam_nav.config import Config
 from gtsam_nav.ekf.aid import Aid
 from gtsam_nav.ekf.aiding import aids_of
+from gtsam_nav.ekf.constraint_aids import NONHOLONOMIC
 from gtsam_nav.ekf.error_state import innovations
 from gtsam_nav.ekf.inertial_start import inertial_start
 from gtsam_nav.ekf.ins_run import History, InsRun
@@ -31,6 +32,7 @@ from gtsam_nav.frames import Array, rotation_from_quaternion
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.alignment import align
 from gtsam_nav.preprocess.stated_rest import stated_rests
+from gtsam_nav.preprocess.unaided import said_of_drift
 from gtsam_nav.solution import Innovations, Progress, SlowStates, Solution, StageClock
 from gtsam_nav.trajectory import Trajectory, record_times
 
@@ -96,6 +98,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
             *_silences(strapdown, imu, t),
             *run.doubts(),
             *_unaided(aids, history, trajectory),
+            *_depth_unmeasured(mission),
         ),
         slow_states=_slow_states(states, P, imu),
         innovations=_innovations(aids, history),
@@ -123,20 +126,29 @@ def _silences(strapdown: Strapdown, imu: Sensor, t: Array) -> tuple[str, ...]:
     )
 
 
-def _unaided(aids: list[Aid], history: History, trajectory: Trajectory) -> tuple[str, ...]:
-    """What is said where in the end, or all along, nothing but the IMU tells the way."""
-    tells = [aid.observes in ("position", "velocity", "body velocity") for aid in aids]
+def _unaided(aids: list[Aid], history: History, trajectory: Trajectory) -> Iterator[str]:
+    """What is said where in the end, or all along, nothing but the IMU tells the way.
+
+    That wheels do not slip sideways tells nothing of the way along.
+    """
+    tells = [
+        aid.observes in ("position", "velocity", "body velocity") and aid.name != NONHOLONOMIC
+        for aid in aids
+    ]
     last = [used[-1][0] for used, way in zip(history.used, tells, strict=True) if way and used]
     begin, end = max(last, default=float(trajectory.t[0])), float(trajectory.t[-1])
-    if end - begin < UNAIDED_S:
-        return ()
-    sigma_m = trajectory.sigma_p_n
-    assert sigma_m is not None
-    return (
-        f"from {begin:.1f} s on nothing but the IMU tells the way: the position drifts freely, at"
-        f" the end to a standard deviation of {float(np.hypot(*sigma_m[-1, :2])):.3g} m; GNSS, a"
-        " DVL or odometry would hold it",
-    )
+    if end - begin >= UNAIDED_S:
+        yield said_of_drift(trajectory, begin)
+
+
+def _depth_unmeasured(mission: Mission) -> Iterator[str]:
+    """What is said where nothing tells the depth that the vehicle begins at."""
+    told = mission.first("depth") is not None or mission.first("gnss") is not None
+    if not told and mission.initial.p_n is None:
+        yield (
+            "nothing measures the depth: it is counted from 0 m at the start; a depth gauge, GNSS"
+            " or 'initial: position_ned_m' would tell it"
+        )
 
 
 def _trajectory(states: list[InertialState], P: list[Array]) -> Trajectory:

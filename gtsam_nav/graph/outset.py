@@ -15,7 +15,6 @@ from gtsam_nav.config import Config
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.clocks import Clocks, find_clocks
 from gtsam_nav.graph.keyframes import keyframe_times, merged_anchors
-from gtsam_nav.graph.measurements.constraints import rolls
 from gtsam_nav.graph.measurements.imu import own_motion, preintegrable, silences
 from gtsam_nav.graph.robust import check_sigmas
 from gtsam_nav.mission import Mission
@@ -202,7 +201,7 @@ def mission_keyframes(mission: Mission, t_scans: Array, t_clouds: Array, config:
         silent = silences(imu.series, *mission.span_s)
         if not measures_velocity(mission):
             anchors += [silent.ravel(), *(sensor.series.t for sensor in mission.of_type("gnss"))]
-            if rolls(mission, config):
+            if mission.constraints.nonholonomic:
                 interval_s = min(interval_s, ROLLING_INTERVAL_S)
         elif headings_true(mission) is not None:
             step_s = _compass_interval_s(mission)

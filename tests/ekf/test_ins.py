@@ -485,6 +485,26 @@ def test_navigation_grade_gyros_find_north() -> None:
     assert np.all(np.abs(error) < 4 * sigma[-1])
 
 
+def test_that_wheels_do_not_slip_tells_nothing_of_the_way_along() -> None:
+    fixes = fixes_of(laps())
+    early = edited(laps(), "gnss", **columns_until(fixes, 60.0))
+    solution = estimate(early, "motion.nonholonomic=true")
+    assert any("drifts freely" in warning for warning in solution.warnings)
+
+
+def columns_until(fixes: GnssSeries, stop_s: float) -> dict[str, Any]:
+    some = fixes.crop(0.0, stop_s)
+    return {name: getattr(some, name) for name in ("t", "p_n", "sigma", "v_n", "row")}
+
+
+def test_a_depth_that_nothing_measures_is_said() -> None:
+    mission = simulate(seed=2, duration_s=30.0)
+    told = "nothing measures the depth"
+    for without, says in ((("gnss", "depth"), True), (("gnss",), False), (("depth",), False)):
+        warnings = estimate(mission.without(*without)).warnings
+        assert any(told in warning for warning in warnings) is says, without
+
+
 @pytest.mark.slow
 @pytest.mark.realdata
 @pytest.mark.parametrize(

@@ -30,12 +30,6 @@ def is_planar(mission: Mission) -> bool:
     return mission.first("odometry") is not None and not told
 
 
-def rolls(mission: Mission, config: Config) -> bool:
-    """Whether the vehicle moves neither sideways nor up: by the configuration, else the mission."""
-    stated = config.motion.nonholonomic
-    return mission.constraints.nonholonomic if stated is None else stated
-
-
 def add(problem: Problem, mission: Mission, config: Config) -> None:
     """The constraints that the mission or the configuration states, and a start at rest."""
     problem.warnings += said_of_depth(mission, config.landmarks.use_map, estimated=True)
@@ -45,7 +39,7 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
         _add_plane(problem, config)
     if not problem.uses_imu:
         return
-    if rolls(mission, config):
+    if mission.constraints.nonholonomic:
         _add_wheels(problem, config)
     _add_rests(problem, mission, config)
 
