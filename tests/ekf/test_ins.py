@@ -29,6 +29,7 @@ from gtsam_nav.frames import (
     earth_rate_n,
     gravity_m_s2,
     rotation_from_rpy,
+    rpy_from_rotation,
     wrap_angle,
 )
 from gtsam_nav.mission import Constraints, InitialState, Mission, Rejection, Sensor
@@ -483,6 +484,33 @@ def test_navigation_grade_gyros_find_north() -> None:
     assert sigma is not None
     assert np.degrees(sigma[-1, 2]) < 0.3
     assert np.all(np.abs(error) < 4 * sigma[-1])
+
+
+def test_what_moves_at_first_begins_on_its_course() -> None:
+    """Its yaw stays as unknown, but what is linear in it is so about a likelier one."""
+    moving = laps().without("heading").crop(60.0, 70.0)
+    fixes, truth = fixes_of(moving), truth_of(moving)
+    p_n = np.stack([np.interp(fixes.t, truth.t, axis) for axis in truth.p_n.T], axis=1)
+    exact = edited(moving, "gnss", p_n=p_n, sigma=np.full(p_n.shape, 0.02), v_n=None)
+    start = inertial_start(exact, exact.sensors["imu"])
+    assert truth.rpy is not None
+    off = wrap_angle(rpy_from_rotation(start.state.body.R_nb)[2] - truth.rpy[0, 2])
+    assert np.degrees(abs(off)) < 30.0
+    assert np.sqrt(start.P[2, 2]) > 1.5
+
+
+@pytest.mark.slow
+@pytest.mark.realdata
+def test_a_car_that_turns_as_its_fixes_begin_does_not_diverge(recorded_data: Path) -> None:
+    mission = gn.open_mission(recorded_data / "rtk_mems_car")
+    fixes = fixes_of(mission)
+    exact = edited(mission, "gnss", v_n=None, sigma=np.full(fixes.p_n.shape, 0.05))
+    begin = float(fixes.t[0]) + 180.0
+    turning = exact.crop(begin, begin + 40.0)
+    found = estimate(turning, "gnss.use=all").trajectory
+    fixes = fixes_of(turning).crop(begin + 1.0, begin + 39.0)
+    off = found.interpolate(fixes.t).p_n - fixes.p_n
+    assert np.linalg.norm(off[:, :2], axis=1).max() < 3.0  # with the antenna's lever arm
 
 
 def test_that_wheels_do_not_slip_tells_nothing_of_the_way_along() -> None:
