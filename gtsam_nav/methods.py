@@ -63,20 +63,21 @@ def _has_clouds(mission: Mission) -> bool:
 
 @dataclass(frozen=True)
 class _Method:
-    """Where a method's ``estimate`` is, and what a mission must have for it."""
+    """Where a method's ``estimate`` is, what it must have, and whether it uses landmarks."""
 
     module: str
     needs: tuple[Callable[[Mission], bool], ...]
+    uses_landmarks: bool = False
 
 
 _METHODS = {
     "dr": _Method("gtsam_nav.ekf.dead_reckoning", (_has_velocity,)),
     "ins-ekf": _Method("gtsam_nav.ekf.ins", (_has_imu,)),
-    "landmark-ekf": _Method("gtsam_nav.ekf.landmark_slam", (_has_landmarks, _has_motion)),
+    "landmark-ekf": _Method("gtsam_nav.ekf.landmark_slam", (_has_landmarks, _has_motion), True),
     "scan-match": _Method("gtsam_nav.ekf.scan_match", (_has_sonar, _has_velocity)),
     "pose-ekf": _Method("gtsam_nav.ekf.pose_slam", (_has_sonar, _has_velocity)),
     "kiss": _Method("gtsam_nav.odometry.dead_reckoning", (_has_clouds,)),
-    "graph": _Method("gtsam_nav.graph.estimator", (_moves,)),
+    "graph": _Method("gtsam_nav.graph.estimator", (_moves,), True),
 }
 
 
@@ -111,7 +112,11 @@ def _warnings(method: str, mission: Mission) -> tuple[str, ...]:
     """What a method makes of a mission otherwise than its user may think."""
     from gtsam_nav.preprocess.turning import warnings_on_turns
 
-    return (*warnings_on_turns(method, mission), *_warnings_on_edges(method, mission))
+    return (
+        *warnings_on_turns(method, mission),
+        *_warnings_on_edges(method, mission),
+        *_warnings_on_landmarks(method, mission),
+    )
 
 
 def _warnings_on_edges(method: str, mission: Mission) -> tuple[str, ...]:
@@ -122,6 +127,16 @@ def _warnings_on_edges(method: str, mission: Mission) -> tuple[str, ...]:
 
     n = n_loops(mission)
     return (f"{n} edges close loops, which only the method graph uses",) if n else ()
+
+
+def _warnings_on_landmarks(method: str, mission: Mission) -> tuple[str, ...]:
+    """What a method that knows no landmarks leaves out, though it tells the place."""
+    seen = mission.of_type("landmarks")
+    if _METHODS[method].uses_landmarks or not seen:
+        return ()
+    names = " and ".join(f"'{sensor.name}'" for sensor in seen)
+    users = " or ".join(name for name, other in _METHODS.items() if other.uses_landmarks)
+    return (f"the landmarks of {names} are not used by {method}: {users} would",)
 
 
 def estimate(

@@ -169,3 +169,20 @@ def test_a_mission_without_velocity_is_refused_by_name(mission: Mission, method:
 def test_an_empty_mission_is_refused(method: str) -> None:
     with pytest.raises(DataError, match="mission 'nothing'"):
         estimate(Mission("nothing", {}), method)
+
+
+def test_landmarks_that_a_method_does_not_use_are_named(spy: Spy) -> None:
+    ranger = simulate("ranger", seed=0)
+    estimate(ranger, "spy")
+    assert spy.seen is not None
+    said = "the landmarks of 'landmarks' are not used by spy: landmark-ekf or graph would"
+    assert said in spy.seen.warnings
+    estimate(ranger.without("landmarks"), "spy")
+    assert said not in spy.seen.warnings
+
+
+def test_the_configuration_has_the_last_word_on_wheels(spy: Spy, mission: Mission) -> None:
+    for stated, rolls in (("null", False), ("true", True)):
+        estimate(mission, "spy", config(f"motion.nonholonomic={stated}"))
+        assert spy.seen is not None
+        assert spy.seen.constraints.nonholonomic is rolls

@@ -17,6 +17,7 @@ from gtsam_nav.preprocess.stated_rest import stated_rests
 from gtsam_nav.sensors import motion_constraints
 from gtsam_nav.sensors.prediction import Prediction
 
+NONHOLONOMIC = "nonholonomic"
 NONHOLONOMIC_RATE_HZ = 5.0
 """A slip lasts: constraints at the IMU's own rate would claim to know better."""
 
@@ -33,8 +34,7 @@ def constraints_on(
     imu = mission.first("imu")
     assert imu is not None
 
-    rolls = motion.nonholonomic
-    if mission.constraints.nonholonomic if rolls is None else rolls:
+    if mission.constraints.nonholonomic:
         yield _nonholonomic(mission, motion.nonholonomic_sigma_m_s, gate)
     spells, _ = stated_rests(mission, motion)
     if spells is None and start.rest is not None and not _aided(mission):
@@ -59,7 +59,7 @@ def _nonholonomic(mission: Mission, sigma: float, gate: float) -> Aid:
     def straight(_k: int, state: InertialState, _shared: Array) -> Prediction:
         return motion_constraints.nonholonomic(state.body, sigma)
 
-    return Aid("nonholonomic", "body velocity", 2, t, np.arange(len(t)), straight, gate)
+    return Aid(NONHOLONOMIC, "body velocity", 2, t, np.arange(len(t)), straight, gate)
 
 
 def _still(spells: Spells, sigma: float, gate: float, mission: Mission) -> Aid:

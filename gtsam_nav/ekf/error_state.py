@@ -18,7 +18,7 @@ from gtsam_nav.solution import Innovations
 
 LARGE_TURN_RAD = 1e-3
 """Below this a correction leaves the axes of the other errors where they are."""
-UNKNOWN_YAW_RAD = np.radians(20.0)
+UNKNOWN_YAW_RAD = float(np.radians(20.0))
 """A heading as uncertain as this is not known: the errors are no longer linear in it."""
 
 
@@ -102,6 +102,17 @@ class Node:
     Phi: Array
     correction: Array
 
+    @property
+    def yaw_unknown(self) -> bool:
+        """Whether the heading is too uncertain for what is linear in it."""
+        return yaw_variance(self.state, self.P) > UNKNOWN_YAW_RAD**2
+
+
+def yaw_variance(state: InertialState, P: Array) -> float:
+    """Variance of the heading, rad^2, by the covariance of a state's errors."""
+    down_b = state.body.R_nb[2]
+    return float(down_b @ P[THETA, THETA] @ down_b)
+
 
 class ErrorStateFilter:
     """Closed-loop error-state Kalman filter.
@@ -139,11 +150,9 @@ class ErrorStateFilter:
     @property
     def yaw_unknown(self) -> bool:
         """Whether the heading is too uncertain for what is linear in it."""
-        tilt_and_yaw = self.P[THETA, THETA]
-        if tilt_and_yaw.trace() < UNKNOWN_YAW_RAD**2:  # spares most calls the rest
+        if self.P[THETA, THETA].trace() < UNKNOWN_YAW_RAD**2:  # spares most calls the rest
             return False
-        down_b = self.state.body.R_nb[2]
-        return bool(down_b @ tilt_and_yaw @ down_b > UNKNOWN_YAW_RAD**2)
+        return yaw_variance(self.state, self.P) > UNKNOWN_YAW_RAD**2
 
     def predict(self, to_s: float) -> None:
         """Go on to a later time."""

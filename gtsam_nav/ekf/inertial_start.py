@@ -20,7 +20,7 @@ from gtsam_nav.frames import (
 )
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.alignment import align
-from gtsam_nav.preprocess.first_fixes import ANY_SPEED_M_S, first_fixes
+from gtsam_nav.preprocess.first_fixes import ANY_SPEED_M_S, first_fixes, located
 from gtsam_nav.preprocess.rest import Rest, initial_rest
 from gtsam_nav.sensors.noise import ImuNoise
 from gtsam_nav.sensors.orientation import UNMEASURED_TILT_SIGMA_RAD, headings_true
@@ -35,8 +35,24 @@ UNKNOWN_YAW_SIGMA_RAD = np.pi / np.sqrt(3)
 FOUND_YAW_SIGMA_RAD = np.radians(15.0)
 """Of a yaw that a smoother found: near enough for errors that are linear in it, and wide, since the
 same measurements tell it again."""
+COURSE_SIGMAS, COURSE_WITHIN_S = 5.0, 2.0
+"""A vehicle that moves so far as soon begins on its course, until it is known where it points."""
+FOUND_YAW_DRIFT_RAD = np.radians(10.0)
+"""What the gyro's bias turns such a yaw by until motion shows it."""
 GYROCOMPASS_SIGMA_RAD = np.radians(5.0)
 """Gyros whose biases turn a gyrocompass by more than this are none."""
+
+
+@dataclass(frozen=True)
+class FoundYaw:
+    """The yaw at the start, rad, and the gyro's biases (3,), rad/s, that a smoother found.
+
+    For ``unknown_s`` since the start the filter had known neither.
+    """
+
+    yaw: float
+    gyro_bias_b: Array
+    unknown_s: float
 
 
 @dataclass(frozen=True)
@@ -63,19 +79,21 @@ class InertialStart:
     georeferenced: bool
     arm_b: Array
 
-    def with_yaw(self, yaw: float) -> InertialStart:
-        """The same start with a yaw that was found since."""
+    def with_yaw(self, found: FoundYaw) -> InertialStart:
+        """The same start with a yaw that was found since, and known until motion shows it."""
         before = self.state.body.R_nb
         roll, pitch, _ = rpy_from_rotation(before)
-        rpy = np.array([roll, pitch, yaw])
+        rpy = np.array([roll, pitch, found.yaw])
         R_nb, P = rotation_from_rpy(rpy), self.P.copy()
-        for entries in (THETA, RHO):
+        most_drift = FOUND_YAW_DRIFT_RAD / max(found.unknown_s, 1.0)
+        for entries, most in ((THETA, FOUND_YAW_SIGMA_RAD), (GYRO_BIAS, most_drift), (RHO, np.inf)):
             P_n = before @ P[entries, entries] @ before.T
-            if entries == THETA:
-                P_n[2, 2] = FOUND_YAW_SIGMA_RAD**2
+            P_n[2, 2] = min(P_n[2, 2], most**2)
             P[entries, entries] = R_nb.T @ P_n @ R_nb
         p_n = self.state.p_n + (before - R_nb) @ self.arm_b
-        state = replace(self.state, q_nb_wxyz=quaternion_from_rpy(rpy), p_n=p_n)
+        state = replace(
+            self.state, q_nb_wxyz=quaternion_from_rpy(rpy), p_n=p_n, gyro_bias_b=found.gyro_bias_b
+        )
         return replace(self, state=state, P=P)
 
 
@@ -142,9 +160,30 @@ def _yaw(mission: Mission, imu: Sensor, rest: Rest | None, rpy: Array) -> tuple[
             # Groves (2013), equation (5.105)
             level = rotation_from_rpy([rpy[0], rpy[1], 0.0]) @ rest.rate_b
             return float(np.arctan2(-level[1], level[0])), UNKNOWN_YAW_SIGMA_RAD, True
-    if headings_true(mission) is not None or mission.first("gnss") is not None:
+    if headings_true(mission) is not None:
         return float(rpy[2]), UNKNOWN_YAW_SIGMA_RAD, False
+    if mission.first("gnss") is not None:
+        course = _first_course(mission)
+        return float(rpy[2] if course is None else course), UNKNOWN_YAW_SIGMA_RAD, False
     return float(rpy[2]), 1e-3, False
+
+
+def _first_course(mission: Mission) -> float | None:
+    """Course from the first fix that the next ones bear out to the next that is clearly elsewhere,
+    rad; None of a vehicle that hardly moves."""
+    receiver = mission.first("gnss")
+    assert receiver is not None
+    series = receiver.series
+    assert isinstance(series, GnssSeries)
+    series = series.select(located(series))
+    if not len(series):
+        return None
+    first = first_fixes(series).first
+    soon = series.t - series.t[first] < COURSE_WITHIN_S
+    way = (series.p_n - series.p_n[first])[:, :2]
+    clear_m = COURSE_SIGMAS * np.hypot(series.sigma[:, 0], series.sigma[first, 0])
+    clear = np.flatnonzero(soon & (np.hypot(*way.T) > clear_m) & (np.arange(len(way)) > first))
+    return float(np.arctan2(*way[clear[0], ::-1])) if len(clear) else None
 
 
 def _velocity(mission: Mission) -> tuple[Array, float]:

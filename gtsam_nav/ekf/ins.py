@@ -6,33 +6,33 @@ After the GPS/INS filters with outlier rejection for surface vessels; the forms 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from gtsam_nav.config import Config
 from gtsam_nav.ekf.aid import Aid
 from gtsam_nav.ekf.aiding import aids_of
-from gtsam_nav.ekf.error_state import UNKNOWN_YAW_RAD, compose, innovations
-from gtsam_nav.ekf.inertial_start import FOUND_YAW_SIGMA_RAD, inertial_start
+from gtsam_nav.ekf.constraint_aids import NONHOLONOMIC
+from gtsam_nav.ekf.error_state import innovations
+from gtsam_nav.ekf.inertial_start import inertial_start
 from gtsam_nav.ekf.ins_run import History, InsRun
-from gtsam_nav.ekf.rts import smooth
+from gtsam_nav.ekf.smoothing import from_found_yaw, smoothed_history
 from gtsam_nav.ekf.strapdown import (
     ACCEL_BIAS,
     GYRO_BIAS,
     NU,
     RHO,
-    SIZE,
     THETA,
     InertialState,
     Strapdown,
 )
 from gtsam_nav.errors import DataError, EstimationError
-from gtsam_nav.frames import Array, rotation_from_quaternion, rpy_from_rotation
+from gtsam_nav.frames import Array, rotation_from_quaternion
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.alignment import align
 from gtsam_nav.preprocess.stated_rest import stated_rests
+from gtsam_nav.preprocess.unaided import said_of_drift
 from gtsam_nav.solution import Innovations, Progress, SlowStates, Solution, StageClock
 from gtsam_nav.trajectory import Trajectory, record_times
 
@@ -77,13 +77,11 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     if config.ins_ekf.smooth:
         with clock.stage("smoother"):
             progress("smoother", 0.0)
-            smoothed = _smoothed(history)
-            if history.yaw_found and _yaw_was_found(history.nodes[0].P, smoothed):
-                yaw = float(rpy_from_rotation(smoothed.first.body.R_nb)[2])
-                del run, history  # as large as the pass that follows
-                run = InsRun(strapdown, start.with_yaw(yaw), aids, keep_all=True)
-                history = run.run(t, progress)
-                smoothed = _smoothed(history)
+            smoothed = smoothed_history(history)
+            if smoothed.began_without_yaw:
+                del run, history  # as large as those of the passes that follow
+                run, smoothed = from_found_yaw(strapdown, start, aids, smoothed, t, progress)
+                history = run.history
             states, P = smoothed.states, smoothed.P
             trajectory = _trajectory(states, P)
     progress("inertial navigation", 1.0)
@@ -100,6 +98,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
             *_silences(strapdown, imu, t),
             *run.doubts(),
             *_unaided(aids, history, trajectory),
+            *_depth_unmeasured(mission),
         ),
         slow_states=_slow_states(states, P, imu),
         innovations=_innovations(aids, history),
@@ -127,50 +126,29 @@ def _silences(strapdown: Strapdown, imu: Sensor, t: Array) -> tuple[str, ...]:
     )
 
 
-def _unaided(aids: list[Aid], history: History, trajectory: Trajectory) -> tuple[str, ...]:
-    """What is said where in the end, or all along, nothing but the IMU tells the way."""
-    tells = [aid.observes in ("position", "velocity", "body velocity") for aid in aids]
+def _unaided(aids: list[Aid], history: History, trajectory: Trajectory) -> Iterator[str]:
+    """What is said where in the end, or all along, nothing but the IMU tells the way.
+
+    That wheels do not slip sideways tells nothing of the way along.
+    """
+    tells = [
+        aid.observes in ("position", "velocity", "body velocity") and aid.name != NONHOLONOMIC
+        for aid in aids
+    ]
     last = [used[-1][0] for used, way in zip(history.used, tells, strict=True) if way and used]
     begin, end = max(last, default=float(trajectory.t[0])), float(trajectory.t[-1])
-    if end - begin < UNAIDED_S:
-        return ()
-    sigma_m = trajectory.sigma_p_n
-    assert sigma_m is not None
-    return (
-        f"from {begin:.1f} s on nothing but the IMU tells the way: the position drifts freely, at"
-        f" the end to a standard deviation of {float(np.hypot(*sigma_m[-1, :2])):.3g} m; GNSS, a"
-        " DVL or odometry would hold it",
-    )
+    if end - begin >= UNAIDED_S:
+        yield said_of_drift(trajectory, begin)
 
 
-@dataclass(frozen=True)
-class _Smoothed:
-    """Smoothed states and covariances at the recorded times, and at the start."""
-
-    states: list[InertialState]
-    P: list[Array]
-    first: InertialState
-    P_first: Array
-
-
-def _smoothed(history: History) -> _Smoothed:
-    error, P = smooth(history.nodes, compose)
-    states = [history.nodes[k].state.corrected(error[k, :SIZE]) for k in (0, *history.recorded)]
-    return _Smoothed(states[1:], [P[k] for k in history.recorded], states[0], P[0])
-
-
-def _yaw_was_found(P_start: Array, smoothed: _Smoothed) -> bool:
-    """Whether the filter began without a yaw, and the smoother knows the one that it began with.
-
-    Backwards through a yaw that was unknown the errors are not linear: what later fixes tell is
-    laid onto tracks of another direction, and the smoother is worse than its filter. A second pass
-    that begins with the yaw that the first found is linear throughout.
-    """
-    down_b = smoothed.first.body.R_nb[2]
-    before, after = (
-        np.sqrt(down_b @ P[THETA, THETA] @ down_b) for P in (P_start, smoothed.P_first)
-    )
-    return bool(before > UNKNOWN_YAW_RAD and after < FOUND_YAW_SIGMA_RAD)
+def _depth_unmeasured(mission: Mission) -> Iterator[str]:
+    """What is said where nothing tells the depth that the vehicle begins at."""
+    told = mission.first("depth") is not None or mission.first("gnss") is not None
+    if not told and mission.initial.p_n is None:
+        yield (
+            "nothing measures the depth: it is counted from 0 m at the start; a depth gauge, GNSS"
+            " or 'initial: position_ned_m' would tell it"
+        )
 
 
 def _trajectory(states: list[InertialState], P: list[Array]) -> Trajectory:

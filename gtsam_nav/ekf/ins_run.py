@@ -43,15 +43,15 @@ class History:
     used : list of list of (float, float)
         Time and normalised innovation squared of what each aid had accepted.
     rejections : list of Rejection
-    yaw_found : bool
-        Whether the yaw was unknown until motion showed it.
+    yaw_left : bool
+        Whether a measurement left the yaw as it was, since it was unknown.
     """
 
     nodes: list[Node] = field(default_factory=list)
     recorded: list[int] = field(default_factory=list)
     used: list[list[tuple[float, Array]]] = field(default_factory=list)
     rejections: list[Rejection] = field(default_factory=list)
-    yaw_found: bool = False
+    yaw_left: bool = False
 
 
 class InsRun:
@@ -142,11 +142,9 @@ class InsRun:
             self._reopen(which)
             update = self._with_noise_as_seen(which, self._compare(which, k))
         rate = self._rate(which, len(update.R))
-        gain = self.filter.correct(
-            update,
-            shows_yaw=aid.shows_yaw,
-            leave_yaw=unknown and aid.observes not in ("heading", "gyro bias"),
-        )
+        leave_yaw = unknown and aid.observes not in ("heading", "gyro bias")
+        self.history.yaw_left |= leave_yaw
+        gain = self.filter.correct(update, shows_yaw=aid.shows_yaw, leave_yaw=leave_yaw)
         self._clocks.corrected(update, gain, aid.receiver, rate)
         self.history.used[which].append((self.filter.state.t, update.whitened))
         if not unknown:
@@ -252,7 +250,6 @@ class InsRun:
         gain = self.filter.correct(update, shows_yaw=True)
         self._clocks.corrected(update, gain, "", np.zeros(1))
         self._search.forget()
-        self.history.yaw_found = True
         logger.info(
             "at %.1f s the heading is found: %.0f deg", self.filter.state.t, np.degrees(heading)
         )

@@ -13,6 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from gtsam_nav.frames import Array
+from gtsam_nav.series import IntArray
 
 
 class FilterNode(Protocol):
@@ -32,7 +33,9 @@ class FilterNode(Protocol):
 
 
 def smooth(
-    nodes: Sequence[FilterNode], compose: Callable[[Array, Array], Array] = np.add
+    nodes: Sequence[FilterNode],
+    compose: Callable[[Array, Array], Array] = np.add,
+    carried: Sequence[IntArray] | None = None,
 ) -> tuple[Array, Array]:
     """Errors of the filtered states, and covariances of the smoothed ones.
 
@@ -42,6 +45,9 @@ def smooth(
         In the order of time; n errors each.
     compose : callable
         The error that is two errors, one after the other; their sum where the errors add.
+    carried : sequence of ndarray of int, optional
+        By number, the errors of each node that later measurements may put right: all where absent.
+        The others stay as filtered, and are taken to be independent of these.
 
     Returns
     -------
@@ -54,10 +60,14 @@ def smooth(
     P[-1] = nodes[-1].P
     for k in range(len(nodes) - 2, -1, -1):
         node, then = nodes[k], nodes[k + 1]
-        G = _gain(node.P, then.Phi, then.P_predicted)
-        error[k] = G @ compose(then.correction, error[k + 1])
-        smoothed = node.P + G @ (P[k + 1] - then.P_predicted) @ G.T
-        P[k] = 0.5 * (smoothed + smoothed.T)
+        own = np.arange(size) if carried is None else carried[k]
+        block = np.ix_(own, own)
+        G = _gain(node.P[block], then.Phi[block], then.P_predicted[block])
+        error[k, own] = G @ compose(then.correction, error[k + 1])[own]
+        smoothed = node.P[block] + G @ (P[k + 1] - then.P_predicted)[block] @ G.T
+        P[k] = node.P
+        P[k, own], P[k, :, own] = 0.0, 0.0
+        P[k][block] = 0.5 * (smoothed + smoothed.T)
     return error, P
 
 

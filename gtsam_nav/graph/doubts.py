@@ -14,6 +14,7 @@ from gtsam_nav.graph.scan_matching import ScanMatch
 from gtsam_nav.graph.settling import Settled
 from gtsam_nav.graph.weights import Weighed
 from gtsam_nav.mission import Mission
+from gtsam_nav.preprocess.unaided import said_of_drift
 from gtsam_nav.sonar.echoes import Echoes
 from gtsam_nav.trajectory import Trajectory
 
@@ -68,14 +69,11 @@ def missing_loops(wanted: bool, matches: Sequence[ScanMatch]) -> Iterator[str]:
         yield "no loop closures: there were none to put false ones among"
 
 
-def unaided(mission: Mission, problem: Problem) -> Iterator[str]:
+def unaided(mission: Mission, problem: Problem, keyframes: Trajectory) -> Iterator[str]:
     """Where nothing but the IMU tells the way."""
     seen = any(mission.of_type(kind) for kind in TELL_THE_WAY)
     if not (problem.measures_velocity or seen or mission.edges is not None):
-        yield (
-            "nothing but the IMU tells the way: the position drifts freely; GNSS, a DVL or odometry"
-            " would hold it"
-        )
+        yield said_of_drift(keyframes, float(keyframes.t[0]))
 
 
 def unmeasured_height(keyframes: Trajectory) -> Iterator[str]:

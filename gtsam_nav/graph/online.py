@@ -133,6 +133,8 @@ def run_online(
     values = done.backend.values()
     if problem.exact or not (problem.uses_imu or problem.has_compass):
         values = _nearer_start(problem, values)
+    elif problem.by_ranges:  # the causal pass knows no side of the beacons
+        values = _as_guessed(problem, values)
     return OnlinePass(values, done.keyframes, done.states, done.covariances, done.matches)
 
 
@@ -154,13 +156,18 @@ def _is_tied(problem: Problem, k: int) -> bool:
 def _nearer_start(problem: Problem, values: Any) -> Any:
     """The causal estimate, or the first guess of the motion where that costs less: where loops come
     late, or nothing tells the turns, the causal pass may have been led astray."""
+    return min((values, _as_guessed(problem, values)), key=lambda start: _cost(problem, start))
+
+
+def _as_guessed(problem: Problem, values: Any) -> Any:
+    """The first guess of the motion, with the causal estimate's biases."""
     as_guessed = gtsam.Values(values)
     for k in range(len(problem.t)):
         as_guessed.update(X(k), nav_state=problem.initial_state(k))
         for key, first in problem.variables[k]:
             if key != B(k):
                 as_guessed.update(key, nav_state=first(as_guessed.atNavState))
-    return min((values, as_guessed), key=lambda start: _cost(problem, start))
+    return as_guessed
 
 
 def _cost(problem: Problem, values: Any) -> float:

@@ -15,7 +15,6 @@ from gtsam_nav.config import Config
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.clocks import Clocks, find_clocks
 from gtsam_nav.graph.keyframes import keyframe_times, merged_anchors
-from gtsam_nav.graph.measurements.constraints import rolls
 from gtsam_nav.graph.measurements.imu import own_motion, preintegrable, silences
 from gtsam_nav.graph.robust import check_sigmas
 from gtsam_nav.mission import Mission
@@ -23,6 +22,7 @@ from gtsam_nav.preprocess.alignment import Alignment, align
 from gtsam_nav.preprocess.compass_steps import without_compass_steps
 from gtsam_nav.preprocess.compass_turns import disturbance_walk_rad2_s, turned_by_compass
 from gtsam_nav.preprocess.edge_motion import edge_motion, moves_by_edges, where_edges_lead
+from gtsam_nav.preprocess.fixes_by_ranges import fixes_by_ranges
 from gtsam_nav.preprocess.identified import identified, unidentified
 from gtsam_nav.preprocess.inertial_motion import inertial_motion
 from gtsam_nav.preprocess.landmark_start import landmark_start
@@ -129,7 +129,7 @@ def start_and_motion(mission: Mission, config: Config) -> tuple[Alignment, Vehic
     if not mission.sensors:  # the first pose is the frame, tilt and all
         start = replace(start, sigma_rpy=np.full(3, start.sigma_rpy[2]))
     if not moves_by_edges(mission) and not measures_velocity(mission):
-        return start, inertial_motion(mission, start, config.motion)
+        return _inertial(mission, start, config)
     if not start.georeferenced and config.landmarks.use_map:
         start = _start_on_map(mission, config) or start
     motion = _moved(mission, start, config)
@@ -143,6 +143,26 @@ def start_and_motion(mission: Mission, config: Config) -> tuple[Alignment, Vehic
         offset = offset_from_fixes(mission, motion)
         start = replace(start, p_n=start.p_n + offset)
         motion = replace(motion, p_n=motion.p_n + offset)
+    return start, motion
+
+
+def _inertial(
+    mission: Mission, start: Alignment, config: Config
+) -> tuple[Alignment, VehicleMotion]:
+    """By the IMU, drawn onto the fixes or what ranges tell in their stead: vague, for the ranges
+    are used again."""
+    fixes = fixes_by_ranges(mission, config.landmarks)
+    if fixes is None:
+        return start, inertial_motion(mission, start, config.motion)
+    located = mission.with_sensor(fixes)
+    start = align(located)
+    if mission.initial.p_n is None:
+        start = replace(start, sigma_p=MAP_START_SIGMAS * start.sigma_p)
+    motion = inertial_motion(located, start, config.motion)
+    if not start.heading_known:
+        rpy, sigma_rpy = start.rpy.copy(), start.sigma_rpy.copy()
+        rpy[2], sigma_rpy[2] = motion.rpy[0, 2], np.pi
+        start = replace(start, rpy=rpy, sigma_rpy=sigma_rpy, heading_known=True)
     return start, motion
 
 
@@ -181,7 +201,7 @@ def mission_keyframes(mission: Mission, t_scans: Array, t_clouds: Array, config:
         silent = silences(imu.series, *mission.span_s)
         if not measures_velocity(mission):
             anchors += [silent.ravel(), *(sensor.series.t for sensor in mission.of_type("gnss"))]
-            if rolls(mission, config):
+            if mission.constraints.nonholonomic:
                 interval_s = min(interval_s, ROLLING_INTERVAL_S)
         elif headings_true(mission) is not None:
             step_s = _compass_interval_s(mission)

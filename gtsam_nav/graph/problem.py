@@ -126,6 +126,8 @@ class Problem:
         Whether a compass frame stands beside each keyframe.
     measures_velocity : bool
         Whether the motion between keyframes is a DVL's or odometry's; else the IMU carries all.
+    by_ranges : bool
+        Whether the first guess of the way is what ranges to surveyed beacons told.
     planar : bool
         Whether the vehicle stays upright and at its start's depth because nothing tells otherwise.
     depth_spread_m : float
@@ -176,6 +178,7 @@ class Problem:
     uses_imu: bool
     has_compass: bool
     measures_velocity: bool = True
+    by_ranges: bool = False
     planar: bool = False
     depth_spread_m: float = 0.0
     factors: list[list[SensorFactor]] = field(init=False)

@@ -147,6 +147,7 @@ def solution_of(
         warnings=(
             *_warnings(ready, echoes, solved, clock_offsets),
             *map_warnings,
+            *unaided(mission, problem, keyframes),
             *unmeasured_height(keyframes),
             *suspected_constants(mission, problem, settled, values, rows),
             *contradictions(rows),
@@ -177,7 +178,6 @@ def _warnings(
     yield from solved.cloud_loops.warnings
     yield from solved.unsure
     yield from (warning for offset in clock_offsets for warning in offset.warnings)
-    yield from unaided(ready.mission, problem)
     yield from doubts(problem, settled, converged=solved.converged)
     yield from missing_loops(solved.wants_false, solved.matches)
 

@@ -23,8 +23,17 @@ def made_ready(mission: Mission, motion: MotionSettings) -> tuple[Mission, Motio
     motion : MotionSettings
         As configured.
     """
+    mission = _with_stated_wheels(mission, motion.nonholonomic)
     mission = with_slant_ranges(without_false_starts(mission))
     motion, notes = fitted_to(mission, motion)
     mission = with_poorer_fixes(with_fix_steps(mission, motion))
     mission = with_best_receiver_first(mission)
     return replace(mission, warnings=(*mission.warnings, *notes)), motion
+
+
+def _with_stated_wheels(mission: Mission, nonholonomic: bool | None) -> Mission:
+    """A mission whose vehicle rolls where the configuration says so, whatever its card says."""
+    if nonholonomic is None:
+        return mission
+    constraints = replace(mission.constraints, nonholonomic=nonholonomic)
+    return replace(mission, constraints=constraints)

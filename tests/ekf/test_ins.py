@@ -30,6 +30,7 @@ from gtsam_nav.frames import (
     earth_rate_n,
     gravity_m_s2,
     rotation_from_rpy,
+    rpy_from_rotation,
     wrap_angle,
 )
 from gtsam_nav.mission import Constraints, InitialState, Mission, Rejection, Sensor
@@ -244,24 +245,6 @@ def test_without_a_compass_the_motion_shows_the_heading() -> None:
     assert sigma_rpy is not None
     assert np.degrees(sigma_rpy[10, 2]) > 60.0  # any, at first
     assert solution.georeferenced
-
-
-def test_the_smoother_is_better_than_a_filter_that_had_to_find_its_heading() -> None:
-    mission = laps(12).without("heading")
-    filtered, smoothed = estimate(mission), estimate(mission, "ins_ekf.smooth=true")
-    assert rms(error_m(smoothed, mission)) < 0.8 * rms(error_m(filtered, mission))
-    assert smoothed.online is not None
-    assert np.array_equal(smoothed.online.p_n, filtered.trajectory.p_n)
-
-
-def test_a_start_in_another_yaw_leaves_the_antenna_where_its_fix_was() -> None:
-    mission = laps().without("heading")
-    gnss = replace(mission.sensors["gnss"], xyz_b=np.array([3.0, 1.0, -2.0]))
-    start = inertial_start(mission.with_sensor(gnss), mission.sensors["imu"])
-    turned = start.with_yaw(2.0)
-    antenna_n, after_n = (s.state.p_n + s.state.body.R_nb @ gnss.xyz_b for s in (start, turned))
-    np.testing.assert_allclose(after_n, antenna_n)
-    np.testing.assert_allclose(antenna_n[:2], fixes_of(mission).p_n[0, :2], atol=1e-9)
 
 
 def test_readings_of_no_noise_do_no_harm() -> None:
@@ -506,6 +489,53 @@ def test_navigation_grade_gyros_find_north() -> None:
     assert sigma is not None
     assert np.degrees(sigma[-1, 2]) < 0.3
     assert np.all(np.abs(error) < 4 * sigma[-1])
+
+
+def test_what_moves_at_first_begins_on_its_course() -> None:
+    """Its yaw stays as unknown, but what is linear in it is so about a likelier one."""
+    moving = laps().without("heading").crop(60.0, 70.0)
+    fixes, truth = fixes_of(moving), truth_of(moving)
+    p_n = np.stack([np.interp(fixes.t, truth.t, axis) for axis in truth.p_n.T], axis=1)
+    exact = edited(moving, "gnss", p_n=p_n, sigma=np.full(p_n.shape, 0.02), v_n=None)
+    start = inertial_start(exact, exact.sensors["imu"])
+    assert truth.rpy is not None
+    off = wrap_angle(rpy_from_rotation(start.state.body.R_nb)[2] - truth.rpy[0, 2])
+    assert np.degrees(abs(off)) < 30.0
+    assert np.sqrt(start.P[2, 2]) > 1.5
+
+
+@pytest.mark.slow
+@pytest.mark.realdata
+def test_a_car_that_turns_as_its_fixes_begin_does_not_diverge(recorded_data: Path) -> None:
+    mission = gn.open_mission(recorded_data / "rtk_mems_car")
+    fixes = fixes_of(mission)
+    exact = edited(mission, "gnss", v_n=None, sigma=np.full(fixes.p_n.shape, 0.05))
+    begin = float(fixes.t[0]) + 180.0
+    turning = exact.crop(begin, begin + 40.0)
+    found = estimate(turning, "gnss.use=all").trajectory
+    fixes = fixes_of(turning).crop(begin + 1.0, begin + 39.0)
+    off = found.interpolate(fixes.t).p_n - fixes.p_n
+    assert np.linalg.norm(off[:, :2], axis=1).max() < 3.0  # with the antenna's lever arm
+
+
+def test_that_wheels_do_not_slip_tells_nothing_of_the_way_along() -> None:
+    fixes = fixes_of(laps())
+    early = edited(laps(), "gnss", **columns_until(fixes, 60.0))
+    solution = estimate(early, "motion.nonholonomic=true")
+    assert any("drifts freely" in warning for warning in solution.warnings)
+
+
+def columns_until(fixes: GnssSeries, stop_s: float) -> dict[str, Any]:
+    some = fixes.crop(0.0, stop_s)
+    return {name: getattr(some, name) for name in ("t", "p_n", "sigma", "v_n", "row")}
+
+
+def test_a_depth_that_nothing_measures_is_said() -> None:
+    mission = simulate(seed=2, duration_s=30.0)
+    told = "nothing measures the depth"
+    for without, says in ((("gnss", "depth"), True), (("gnss",), False), (("depth",), False)):
+        warnings = estimate(mission.without(*without)).warnings
+        assert any(told in warning for warning in warnings) is says, without
 
 
 @pytest.mark.slow

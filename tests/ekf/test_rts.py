@@ -97,3 +97,16 @@ def test_what_is_known_exactly_stays_known() -> None:
     error, P = smooth(nodes)
     np.testing.assert_allclose(error[0], [0.25, 0.0])
     np.testing.assert_allclose(P[0], np.diag([0.75, 0.0]))
+
+
+def test_what_is_not_carried_back_stays_as_filtered() -> None:
+    """North and east do not know of each other: one may be smoothed alone."""
+    nodes = filtered(measured(3))
+    north, east = np.array([0, 2]), np.array([1, 3])
+    whole, P_whole = smooth(nodes)
+    error, P = smooth(nodes, carried=[north] * N)
+    np.testing.assert_allclose(error[:, north], whole[:, north])
+    np.testing.assert_array_equal(error[:, east], 0.0)
+    np.testing.assert_allclose(P[:, north[:, None], north], P_whole[:, north[:, None], north])
+    filtered_P = np.array([node.P for node in nodes])
+    np.testing.assert_array_equal(P[:, east[:, None], east], filtered_P[:, east[:, None], east])

@@ -9,8 +9,8 @@ import pytest
 
 import gtsam_nav as gn
 from gtsam_nav.frames import Array, wrap_angle
-from gtsam_nav.mission import Constraints, InitialState, Mission
-from gtsam_nav.series import GnssSeries, HeadingSeries, ReferenceSeries
+from gtsam_nav.mission import Constraints, InitialState, LandmarkMap, Mission, Sensor
+from gtsam_nav.series import GnssSeries, HeadingSeries, LandmarkSeries, ReferenceSeries
 from gtsam_nav.solution import Solution
 
 
@@ -250,3 +250,38 @@ def test_the_yaw_by_fixes_alone_is_as_sure_as_it_says() -> None:
         assert sigma is not None
         shares.append(float(np.mean((yaw / sigma[:, 2]) ** 2)))
     assert np.mean(shares) < 5.0  # it was 25
+
+
+def with_beacons(mission: Mission) -> Mission:
+    """Ranges to four beacons on the bottom, by turns."""
+    assert mission.reference is not None
+    truth = mission.reference.series
+    assert isinstance(truth, ReferenceSeries)
+    middle = truth.p_n.mean(axis=0)
+    beacons = middle + np.array([[-60, -50, 30], [70, -40, 31], [60, 80, 29], [-50, 70, 30.5]])
+    t = np.arange(0.5, 89.0, 1.0)
+    beacon = np.arange(len(t)) % 4
+    p_n = np.stack([np.interp(t, truth.t, axis) for axis in truth.p_n.T], axis=1)
+    noise_m = np.random.default_rng(2).normal(0.0, 0.2, len(t))
+    ranges = LandmarkSeries(
+        t=t,
+        id=beacon,
+        range_m=np.linalg.norm(p_n - beacons[beacon], axis=1) + noise_m,
+        sigma_range=np.full(len(t), 0.2),
+    )
+    known = LandmarkMap(np.arange(4), beacons, np.full(4, 0.1))
+    return replace(mission, landmark_map=known).with_sensor(Sensor("ranges", "landmarks", ranges))
+
+
+@pytest.mark.parametrize("compass", [True, False])
+def test_ranges_to_surveyed_beacons_place_a_vessel_without_fixes(
+    mission: Mission, compass: bool
+) -> None:
+    """Above its beacons, not mirrored below them, and in the world."""
+    ranged = with_beacons(mission).without("gnss")
+    solution = gn.estimate(ranged if compass else ranged.without("heading"), "graph")
+    assert solution.georeferenced
+    assert any("side of the beacons" in warning for warning in solution.warnings)
+    position, yaw = errors(solution, mission)
+    assert np.all(np.sqrt(np.mean(position**2, axis=0)) < [0.5, 0.5, 1.0])
+    assert np.degrees(rms(yaw)) < 10.0

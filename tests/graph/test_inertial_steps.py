@@ -15,7 +15,7 @@ from gtsam_nav.graph.measurements import build_problem
 from gtsam_nav.graph.measurements.imu import silences
 from gtsam_nav.graph.preintegration import SECOND_ORDER_SIGMAS
 from gtsam_nav.graph.problem import Problem
-from gtsam_nav.mission import InitialState, Mission, Sensor
+from gtsam_nav.mission import Constraints, InitialState, Mission, Sensor
 from gtsam_nav.preprocess.alignment import align
 from gtsam_nav.preprocess.inertial_motion import inertial_motion
 from gtsam_nav.preprocess.strapdown import gravity_at
@@ -33,13 +33,18 @@ CONFIG = load_config(None, ["graph.imu_min_rate_hz=5"])
 
 
 def problem_of(
-    imu: Sensor, keyframes: Array, mission_origin: bool = True, config: Config = CONFIG
+    imu: Sensor,
+    keyframes: Array,
+    mission_origin: bool = True,
+    config: Config = CONFIG,
+    constraints: Constraints = Constraints(),  # noqa: B008
 ) -> Problem:
     mission = Mission(
         name="inertial",
         sensors={"imu": imu},
         origin=ORIGIN if mission_origin else None,
         initial=InitialState(np.zeros(3), 1.0, 0.0, 0.1),
+        constraints=constraints,
     )
     start = align(mission)
     return build_problem(
@@ -140,10 +145,8 @@ def test_springs_let_the_bow_rise_as_a_vehicle_on_wheels_speeds_up() -> None:
         [np.where(t > 4.0, 1.5, 0.0), np.zeros(len(t)), np.full(len(t), -9.8)]
     )
     imu = Sensor("imu", "imu", ImuSeries(t=t, gyro_i=np.zeros((len(t), 3)), accel_i=accel_b))
-    config = CONFIG.model_copy(
-        update={"motion": CONFIG.motion.model_copy(update={"nonholonomic": True})}
-    )
-    problem = problem_of(imu, np.arange(0.0, 10.0, 0.5), config=config)
+    wheels = Constraints(nonholonomic=True)
+    problem = problem_of(imu, np.arange(0.0, 10.0, 0.5), constraints=wheels)
     (springs,) = problem.constants
     assert springs.name == "pitch_by_acceleration_rad_s2_m"
     assert springs.sigma == pytest.approx(np.radians(0.5))

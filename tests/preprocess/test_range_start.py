@@ -9,6 +9,7 @@ import pytest
 from rovers import LANDMARKS_N, rover, truth
 
 import gtsam_nav as gn
+from gtsam_nav.config import load_config
 from gtsam_nav.frames import Array, rotation_from_rpy, wrap_angle
 from gtsam_nav.mission import Constraints, LandmarkMap, Mission, Sensor
 from gtsam_nav.preprocess.alignment import Alignment
@@ -144,6 +145,14 @@ def test_a_depth_that_nothing_measures_is_said(method: str) -> None:
         stays = replace(mission, landmark_map=known, constraints=Constraints(constant_depth=level))
         said = gn.estimate(stays, method).warnings
         assert any("constant_depth" in warning for warning in said) is not level
+
+
+def test_the_depth_of_what_rolls_by_the_configuration_is_that_of_its_start() -> None:
+    mission = ranged(4, BEACONS_N + np.array([0.0, 0.0, 20.0]))
+    wheels = load_config(None, ["motion.nonholonomic=true"])
+    solution = gn.estimate(mission, "graph", wheels)
+    np.testing.assert_allclose(solution.trajectory.p_n[:, 2], 0.0, atol=0.05)
+    assert not any("nothing measures the depth" in warning for warning in solution.warnings)
 
 
 def test_ranges_to_deeper_beacons_tell_the_depth() -> None:

@@ -111,7 +111,7 @@ MAY_BE_ZERO = {
     "slip_sigma",
 }
 """Errors that a sensor need not have; all others are noise, or a time to divide by."""
-ANY_SIGN = {"declination_deg", "velocity_lag_s"}
+ANY_SIGN = {"declination_deg", "velocity_lag_s", "range_scale"}
 SOUND_SPEEDS = {"assumed_sound_speed_m_s", "sound_speed_m_s"}
 
 figures = pytest.mark.parametrize(
@@ -236,7 +236,9 @@ DEFAULTS: dict[str, dict[str, float | bool | None]] = {
         "sigma_bearing_deg": 2.0,
         "correlated_share": 0.0,
         "correlation_time_s": 3.0,
+        "range_scale": 0.0,
         "range_scale_sigma": 0.0,
+        "range_along_axis": False,
     },
     "beams": SONAR_DEFAULTS,
     "scans": SONAR_DEFAULTS,

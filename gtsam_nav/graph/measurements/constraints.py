@@ -12,6 +12,7 @@ from gtsam_nav.graph.problem import ConstantError, Problem
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.depth_by_ranges import said_of_depth
 from gtsam_nav.preprocess.edge_motion import edges_in_space
+from gtsam_nav.preprocess.fixes_by_ranges import said_of_side
 from gtsam_nav.preprocess.rest import SPELL_S, Rest, Spells, initial_rest
 from gtsam_nav.preprocess.stated_rest import stated_rests
 from gtsam_nav.sensors.noise import ImuNoise
@@ -29,20 +30,16 @@ def is_planar(mission: Mission) -> bool:
     return mission.first("odometry") is not None and not told
 
 
-def rolls(mission: Mission, config: Config) -> bool:
-    """Whether the vehicle moves neither sideways nor up: by the configuration, else the mission."""
-    stated = config.motion.nonholonomic
-    return mission.constraints.nonholonomic if stated is None else stated
-
-
 def add(problem: Problem, mission: Mission, config: Config) -> None:
     """The constraints that the mission or the configuration states, and a start at rest."""
     problem.warnings += said_of_depth(mission, config.landmarks.use_map, estimated=True)
+    if problem.by_ranges:
+        problem.warnings += said_of_side(mission)
     if problem.planar:
         _add_plane(problem, config)
     if not problem.uses_imu:
         return
-    if rolls(mission, config):
+    if mission.constraints.nonholonomic:
         _add_wheels(problem, config)
     _add_rests(problem, mission, config)
 
@@ -74,7 +71,7 @@ def _add_rests(problem: Problem, mission: Mission, config: Config) -> None:
     if spells is not None:
         _add_rest(problem, spells, imu, config)
     elif rest is not None and not problem.measures_velocity:
-        if mission.first("gnss") is None:
+        if mission.first("gnss") is None and not problem.by_ranges:
             _add_rest(problem, rest.spells, imu, config)
         else:
             _add_steadiness(problem, rest)

@@ -56,7 +56,7 @@ def _speed_sigma(problem: Problem, mission: Mission, config: Config) -> float:
     """Spread of the speed at the start: what nothing but a quiet IMU tells of stands."""
     if problem.measures_velocity:
         return SLOW_M_S
-    if mission.first("gnss") is not None:
+    if mission.first("gnss") is not None or problem.by_ranges:
         return VAGUE_M_S
     is_quiet = at_rest(mission, problem.alignment.t)
     return config.motion.zero_velocity_sigma_m_s if is_quiet else SLOW_M_S
