@@ -135,8 +135,9 @@ def _warnings_on_landmarks(method: str, mission: Mission) -> tuple[str, ...]:
     if _METHODS[method].uses_landmarks or not seen:
         return ()
     names = " and ".join(f"'{sensor.name}'" for sensor in seen)
-    users = " or ".join(name for name, other in _METHODS.items() if other.uses_landmarks)
-    return (f"the landmarks of {names} are not used by {method}: {users} would",)
+    users = " or ".join(name for name in runnable_methods(mission) if _METHODS[name].uses_landmarks)
+    advice = f": {users} would" if users else ""
+    return (f"the landmarks of {names} are not used by {method}{advice}",)
 
 
 def estimate(

@@ -1,10 +1,9 @@
 """Jumps of a receiver's fixes that the vehicle did not make: RTK that turns from float to fixed.
 
 A float solution is off by decimetres to metres, and many receivers state a fixed one's sigma all
-the same. An estimator that believes both bends its track to join them. What tells the jump is the
-vehicle's own motion over that step: by a DVL or odometry under a compass, else by the receiver's
-own velocities, else by the accelerometers. The fixes on the doubtful side are then taken to share
-an error as large as the jump, which wanders as the card's ``correlation_time_s`` says: those whose
+the same. An estimator that believes both bends its track to join them. What tells the jump are the
+receiver's own velocities over that step. The fixes on the doubtful side are then taken to share an
+error as large as the jump, which wanders as the card's ``correlation_time_s`` says: those whose
 stated sigmas are larger, else the fewer.
 """
 
@@ -20,7 +19,7 @@ from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.antenna_path import AntennaPath, antenna_path
 from gtsam_nav.preprocess.false_start import SILENT_STEPS
 from gtsam_nav.preprocess.first_fixes import located
-from gtsam_nav.preprocess.settings import MotionSettings
+from gtsam_nav.sensors.noise import GnssNoise
 from gtsam_nav.series import GnssSeries
 
 JUMP_SIGMAS = 6.0
@@ -39,7 +38,7 @@ WORSE = 1.5
 """A sigma that is so many times another's is a worse solution's."""
 
 
-def with_fix_steps(mission: Mission, settings: MotionSettings) -> Mission:
+def with_fix_steps(mission: Mission) -> Mission:
     """The mission in which fixes beside a jump share an error, with what is said of them."""
     for receiver in mission.of_type("gnss"):
         series = receiver.series
@@ -47,7 +46,8 @@ def with_fix_steps(mission: Mission, settings: MotionSettings) -> Mission:
         known = np.flatnonzero(located(series))
         if len(known) < 2 * FEWEST_FIXES:
             continue
-        path = antenna_path(mission, receiver, series.t[known], settings)
+        noise = GnssNoise.model_validate(receiver.noise)
+        path = antenna_path(series, series.t[known], noise)
         if path is None:
             continue
         offset_m, said = shared_offsets(series.select(known), path, receiver.name)
@@ -104,7 +104,7 @@ def shared_offsets(
 
 def _lacking(fixes: GnssSeries, path: AntennaPath) -> Array:
     """What each step of the fixes has beyond the motion, (n - 1, 2) m, where a few beside it have
-    not: a current, a wrong heading or an accelerometer's bias is in all of them."""
+    not: velocities of another lag, or in other axes, are in all of them."""
     steps_s = np.diff(fixes.t)
     lacking = _beyond_those_beside(fixes.p_n[:, :2] - path.p, steps_s)
     # what happened while the receiver was silent nothing tells
@@ -183,6 +183,7 @@ def _said(t: Array, stretch: _Stretch, off_m: float, name: str) -> str:
     else:
         which = f"the fixes of '{name}' from {first:.1f} s to {last:.1f} s"
     return (
-        f"{which} lie {off_m:.1f} m off the others by a jump that the vehicle did not make, as of"
-        " RTK that turns from float to fixed: taken to share an error of that size"
+        f"{which} lie {off_m:.1f} m off the others by a jump that the receiver's own velocities"
+        " have not, as of RTK that turns from float to fixed: taken to share an error of that size;"
+        " if they are right, leave the velocities out"
     )

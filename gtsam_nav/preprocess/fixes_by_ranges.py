@@ -34,8 +34,8 @@ MEASURED_DEPTH_M, STATED_DEPTH_M_SQRT_S = 0.1, 1e-3
 STEPS, STILL_M = 40, 1e-2
 """Of the least squares; after each the ranges are trusted twice as far, from the longest on."""
 GATE = chi2_limit(0.999, 1)
-LEAST_SHARE = 0.7
-"""Of the ranges that must fit."""
+LEAST_SHARE, FEWEST_RANGES = 0.5, 12
+"""Of the ranges that must fit: a few are joined by some path whatever one of them is off by."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def fixes_by_ranges(mission: Mission, settings: LandmarkSettings) -> Sensor | No
         return None
     p_n, sigma_m = _path(ranges, mission)
     fits = _residuals(ranges, p_n)[0] ** 2 < GATE * ranges.variance
-    if np.mean(fits) < LEAST_SHARE:
+    if np.mean(fits) < LEAST_SHARE or len(fits) < FEWEST_RANGES:
         return None
     sigma = np.full(p_n.shape, sigma_m)
     return Sensor("ranges", "gnss", GnssSeries(t=ranges.t, p_n=p_n, sigma=sigma))

@@ -8,8 +8,6 @@ integration alone.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from gtsam_nav.errors import DataError
@@ -35,38 +33,6 @@ MANOEUVRE_M_S2 = 1.0
 LEAST_COURSE_SPEED_M_S = 1.0
 SIDESLIP_RAD = np.radians(5.0)
 REST_S = 2.0
-
-
-@dataclass(frozen=True)
-class FreePath:
-    """Accelerations integrated twice from rest at zero, under an attitude that is known apart.
-
-    Attributes
-    ----------
-    t : ndarray, shape (n,)
-    rpy, p_n, v_n : ndarray, shape (n, 3)
-        Roll, pitch and unwrapped yaw, rad; position, m, and velocity, m/s, which drift.
-    """
-
-    t: Array
-    rpy: Array
-    p_n: Array
-    v_n: Array
-
-    def at(self, t: Array) -> tuple[Array, Array, Array]:
-        """Attitude, position and velocity at given times, (k, 3) each."""
-        rpy, p_n, v_n = (
-            np.stack([np.interp(t, self.t, axis) for axis in values.T], axis=1)
-            for values in (self.rpy, self.p_n, self.v_n)
-        )
-        return rpy, p_n, v_n
-
-
-def free_path(mission: Mission, imu: Sensor, fixes: Sensor, start: Alignment) -> FreePath:
-    """The way of a vehicle by its accelerometers; fixes tell its course without a compass."""
-    readings = readings_of(imu)
-    rpy, _ = _attitude(mission, readings, imu, fixes, start)
-    return _free(mission, readings, rpy)
 
 
 def inertial_motion(mission: Mission, start: Alignment, settings: MotionSettings) -> VehicleMotion:
@@ -216,12 +182,20 @@ def _onto_fixes(
 
     series = fixes.series
     assert isinstance(series, GnssSeries)
-    path = _free(mission, readings, rpy)
-    rpy_fixes, p_fixes, _ = path.at(series.t)
-    arm_n = rotation_from_rpy(rpy_fixes) @ fixes.xyz_b
+    R_nb = rotation_from_rpy(rpy)
+    gravity_n = gravity_at(np.zeros(3), mission.origin)
+    a_n = np.einsum("nij,nj->ni", R_nb, readings.accel_b) + gravity_n
+    v_n = np.stack([readings.integral(axis) for axis in a_n.T], axis=1)
+    steps = 0.5 * (v_n[1:] + v_n[:-1]) * np.diff(readings.t)[:, None]
+    p_n = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
+
+    def at_fixes(values: Array) -> Array:
+        return np.stack([np.interp(series.t, readings.t, axis) for axis in values.T], axis=1)
+
+    arm_n = rotation_from_rpy(at_fixes(rpy)) @ fixes.xyz_b
     level, trend = robust_trend(
         series.t,
-        series.p_n - arm_n - p_fixes,
+        series.p_n - arm_n - at_fixes(p_n),
         series.sigma,
         0.0,
         ACCELERATION_ERROR_M_S2**2,
@@ -234,14 +208,4 @@ def _onto_fixes(
     difference = CubicHermiteSpline(
         t, np.vstack([first, level, last]), np.vstack([trend[:1], trend, trend[-1:]])
     )
-    return path.p_n + difference(readings.t), path.v_n + difference(readings.t, 1)
-
-
-def _free(mission: Mission, readings: Readings, rpy: Array) -> FreePath:
-    R_nb = rotation_from_rpy(rpy)
-    gravity_n = gravity_at(np.zeros(3), mission.origin)
-    a_n = np.einsum("nij,nj->ni", R_nb, readings.accel_b) + gravity_n
-    v_n = np.stack([readings.integral(axis) for axis in a_n.T], axis=1)
-    steps = 0.5 * (v_n[1:] + v_n[:-1]) * np.diff(readings.t)[:, None]
-    p_n = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
-    return FreePath(readings.t, rpy, p_n, v_n)
+    return p_n + difference(readings.t), v_n + difference(readings.t, 1)

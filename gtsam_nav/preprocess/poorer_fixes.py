@@ -12,50 +12,52 @@ from dataclasses import replace
 
 import numpy as np
 
-from gtsam_nav.frames import Array
-from gtsam_nav.mission import Mission
+from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.first_fixes import located
+from gtsam_nav.sensors.fix_errors import solutions
 from gtsam_nav.sensors.noise import GnssNoise
 from gtsam_nav.series import BoolArray, GnssSeries
 
-POORER = 5.0
-"""A sigma that is so many times that of the best is another solution's, not another geometry's."""
-BEST_PERCENTILE, FEWEST_FIXES = 5.0, 6
+FEWEST_FIXES = 6
+"""Of a solution."""
 
 
 def with_poorer_fixes(mission: Mission) -> Mission:
     """The mission in which fixes of a poorer solution share an error, with what is said of them."""
     for receiver in mission.of_type("gnss"):
-        series = receiver.series
-        assert isinstance(series, GnssSeries)
-        if GnssNoise.model_validate(receiver.noise).correlated_share > 0:
-            continue
-        sigma = series.sigma[:, :2].max(axis=1)
-        poorer, best_m = _poorer(sigma, located(series))
-        if series.offset_sigma is not None:  # these share one already
-            poorer &= series.offset_sigma == 0
-        if np.sum(poorer) < FEWEST_FIXES:
-            continue
-        usual_m = float(np.median(sigma[poorer]))
-        offset = np.zeros(len(series)) if series.offset_sigma is None else series.offset_sigma
-        offset = np.where(poorer, usual_m, offset)
-        total = np.where(poorer[:, None], np.hypot(series.sigma, usual_m), series.sigma)
-        shared = replace(series, sigma=total, offset_sigma=offset)
-        said = (
-            f"{np.sum(poorer)} fixes of '{receiver.name}' state sigmas of {usual_m:.2g} m or so,"
-            f" others {best_m:.2g} m: of a poorer solution, they are taken to share an error of"
-            " that size; noise: {correlated_share: ...} says otherwise"
-        )
-        mission = replace(
-            mission.with_sensor(replace(receiver, series=shared)),
-            warnings=(*mission.warnings, said),
-        )
+        if GnssNoise.model_validate(receiver.noise).correlated_share == 0:
+            mission = _with_poorer_fixes(mission, receiver)
     return mission
 
 
-def _poorer(sigma: Array, known: BoolArray) -> tuple[BoolArray, float]:
-    """Which fixes are of a poorer solution, and the sigma of the best, m."""
-    if not np.any(known):
-        return known, 0.0
-    best_m = float(np.percentile(sigma[known], BEST_PERCENTILE))
-    return known & (sigma > POORER * best_m), best_m
+def _with_poorer_fixes(mission: Mission, receiver: Sensor) -> Mission:
+    series = receiver.series
+    assert isinstance(series, GnssSeries)
+    sigma = series.sigma[:, :2].max(axis=1)
+    usual = list(filter(_are_several, solutions(sigma, located(series))))
+    before = np.zeros(len(series)) if series.offset_sigma is None else series.offset_sigma
+    # those beside a jump share an error already
+    poorer = [
+        which for which in (which & (before == 0) for which in usual[1:]) if _are_several(which)
+    ]
+    if not poorer:
+        return mission
+    offset = before.copy()
+    for which in poorer:
+        offset[which] = np.median(sigma[which])
+    total = np.hypot(series.sigma, np.sqrt(offset**2 - before**2)[:, None])
+    shared = replace(series, sigma=total, offset_sigma=offset)
+    said = (
+        f"{np.sum(poorer)} fixes of '{receiver.name}' state sigmas of"
+        f" {' and '.join(f'{np.median(sigma[which]):.2g} m' for which in poorer)} or so, others"
+        f" {np.median(sigma[usual[0]]):.2g} m: of a poorer solution, they are taken to share an"
+        " error of that size; noise: {correlated_share: ...} says otherwise"
+    )
+    return replace(
+        mission.with_sensor(replace(receiver, series=shared)),
+        warnings=(*mission.warnings, said),
+    )
+
+
+def _are_several(which: BoolArray) -> bool:
+    return int(np.sum(which)) >= FEWEST_FIXES

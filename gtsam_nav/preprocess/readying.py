@@ -25,9 +25,8 @@ def made_ready(mission: Mission, motion: MotionSettings) -> tuple[Mission, Motio
     """
     mission = _with_stated_wheels(mission, motion.nonholonomic)
     mission = with_slant_ranges(without_false_starts(mission))
+    mission = with_best_receiver_first(with_poorer_fixes(with_fix_steps(mission)))
     motion, notes = fitted_to(mission, motion)
-    mission = with_poorer_fixes(with_fix_steps(mission, motion))
-    mission = with_best_receiver_first(mission)
     return replace(mission, warnings=(*mission.warnings, *notes)), motion
 
 

@@ -16,6 +16,8 @@ from gtsam_nav.sensors.noise import LandmarkNoise
 from gtsam_nav.series import LandmarkSeries
 
 BESIDE_OR_BEHIND = "beside or behind the camera"
+LEAST_SHARE = float(np.cos(np.radians(80.0)))
+"""Of a range that a depth must be: farther from the axis no camera sees, and angles tell it all."""
 
 
 def with_slant_ranges(mission: Mission) -> Mission:
@@ -38,21 +40,21 @@ def _with_slant_ranges(mission: Mission, sensor: Sensor, noise: LandmarkNoise) -
     assert isinstance(series, LandmarkSeries)
     if series.range_m is None or series.sigma_range is None:
         return mission
-    share = np.ones(len(series.t))
+    share, of_angles = np.ones(len(series.t)), np.zeros(len(series.t))
     if noise.range_along_axis:
-        if series.bearing is None:
+        if series.bearing is None or series.sigma_bearing is None:
             raise DataError(
                 f"'{sensor.name}': range_along_axis needs the bearing of each sighting; without it"
                 " ranges are along the ray"
             )
-        share = np.cos(series.bearing)
-        if series.elevation is not None:
-            share = share * np.cos(series.elevation)
-    before = share > 0
+        angles = [series.bearing, *([] if series.elevation is None else [series.elevation])]
+        share = np.prod(np.cos(angles), axis=0)
+        of_angles = np.linalg.norm(np.tan(angles), axis=0) * series.sigma_bearing
+    before = share > LEAST_SHARE
     stretch = 1.0 / ((1.0 + noise.range_scale) * np.where(before, share, 1.0))
-    slant = replace(
-        series, range_m=series.range_m * stretch, sigma_range=series.sigma_range * stretch
-    ).select(before)
+    range_m = series.range_m * stretch
+    sigma = np.hypot(series.sigma_range * stretch, range_m * of_angles)
+    slant = replace(series, range_m=range_m, sigma_range=sigma).select(before)
     left_out = tuple(
         Rejection(float(series.t[k]), sensor.name, int(series.row[k]), BESIDE_OR_BEHIND)
         for k in np.flatnonzero(~before)

@@ -15,8 +15,8 @@ from gtsam_nav.frames import Array
 from gtsam_nav.sensors.noise import GnssNoise
 from gtsam_nav.series import BoolArray, GnssSeries
 
-ALIKE = 2.0
-"""Fixes whose sigmas are within this factor are off by the same process."""
+APART = 3.0
+"""Sigmas with a gap of such a factor between them, and none within it, are of two solutions."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,8 @@ def alike_fixes(series: GnssSeries, noise: GnssNoise) -> Iterator[AlikeFixes]:
     own = np.sqrt(series.sigma**2 - offset[:, None] ** 2)
     for size in np.unique(offset):
         stretch = offset == size
-        for which in _octaves(own[:, :2].max(axis=1), stretch, noise.correlated_share):
+        level = own[:, :2].max(axis=1)
+        for which in solutions(level, stretch) if noise.correlated_share > 0 else [stretch]:
             usual = np.median(own[which], axis=0)
             yield AlikeFixes(which, np.sqrt(noise.correlated_share * usual**2 + size**2))
 
@@ -61,10 +62,10 @@ def _offset(series: GnssSeries) -> Array:
     return np.zeros(len(series)) if series.offset_sigma is None else series.offset_sigma
 
 
-def _octaves(sigma: Array, among: BoolArray, share: float) -> Iterator[BoolArray]:
-    """The chosen fixes, apart where their sigmas are more than `ALIKE` times the least."""
-    while np.any(among):
-        least = float(np.min(sigma[among]))
-        which = among & (sigma <= ALIKE * least) if share > 0 else among
-        yield which
-        among = among & ~which
+def solutions(sigma: Array, among: BoolArray) -> list[BoolArray]:
+    """The chosen fixes by the solution that they are of, as gaps between their sigmas (n,) tell;
+    the best first."""
+    stated = np.unique(sigma[among])
+    last = np.flatnonzero(stated[1:] > APART * stated[:-1])
+    of = np.searchsorted(stated[last], sigma)
+    return [among & (of == k) for k in range(len(last) + 1) if np.any(among & (of == k))]

@@ -44,11 +44,18 @@ def test_float_beside_fixed_shares_an_error_of_its_size() -> None:
     assert "20 fixes of 'gnss' state sigmas of 0.5 m or so, others 0.02 m" in said
 
 
+def test_each_poorer_solution_shares_an_error_of_its_own_size() -> None:
+    sigma = np.r_[np.full(12, 0.02), np.full(12, 0.5), np.full(36, 5.0)]
+    series = series_of(with_poorer_fixes(receiver(sigma)))
+    assert series.offset_sigma is not None
+    np.testing.assert_array_equal(series.offset_sigma, np.where(sigma > 0.1, sigma, 0.0))
+
+
 @pytest.mark.parametrize(
     ("sigma", "share"),
     [
         (np.full(N, 0.4), 0.0),
-        (np.linspace(0.4, 1.6, N), 0.0),
+        (np.linspace(1.0, 10.0, N), 0.0),
         (np.r_[np.full(5, 9.0), np.full(N - 5, 0.4)], 0.0),
         (np.r_[np.full(20, USELESS_SIGMA_M), np.full(N - 20, 0.4)], 0.0),
         (np.r_[np.full(20, 0.5), np.full(N - 20, 0.02)], 0.3),

@@ -51,6 +51,8 @@ def test_ranges_that_are_too_long_are_shortened_with_their_sigmas() -> None:
 def test_depths_become_ranges_and_what_is_behind_the_camera_is_rejected() -> None:
     changed = with_slant_ranges(mission(range_along_axis=True))
     np.testing.assert_allclose(seen(changed).range_m, [2.2, 4.4])
+    by_bearing = 4.4 * np.tan(np.radians(60.0)) * 0.01
+    np.testing.assert_allclose(seen(changed).sigma_range, [0.11, np.hypot(0.22, by_bearing)])
     np.testing.assert_array_equal(seen(changed).row, [4, 5])
     assert [(r.sensor, r.index, r.reason) for r in changed.rejections] == [
         ("camera", 6, BESIDE_OR_BEHIND)
@@ -60,6 +62,13 @@ def test_depths_become_ranges_and_what_is_behind_the_camera_is_rejected() -> Non
 def test_a_depth_of_what_is_above_the_camera_is_shorter_too() -> None:
     changed = with_slant_ranges(mission(np.radians(60.0), range_along_axis=True))
     np.testing.assert_allclose(seen(changed).range_m, [4.4, 8.8])
+
+
+def test_what_is_nearly_abeam_is_no_landmark_far_away() -> None:
+    given = mission(range_along_axis=True)
+    abeam = replace(seen(given), bearing=np.radians([0.0, 89.99, 90.0]))
+    changed = with_slant_ranges(given.with_sensor(replace(given.sensors["camera"], series=abeam)))
+    np.testing.assert_array_equal(seen(changed).row, [4])
 
 
 def test_what_was_taken_out_is_not_taken_out_again() -> None:

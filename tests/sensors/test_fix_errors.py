@@ -32,6 +32,16 @@ def test_fixes_of_different_quality_share_different_errors() -> None:
     assert bad.shared_sigma == pytest.approx(np.sqrt(0.8) * np.array([0.5, 0.5, 1.0]))
 
 
+@pytest.mark.parametrize(
+    "sigma",
+    [np.linspace(1.0, 9.0, 40), np.r_[1.0, np.tile([1.95, 2.05], 20)]],
+    ids=["of a changing geometry", "about a boundary"],
+)
+def test_fixes_whose_sigmas_leave_no_gap_share_one_error(sigma: Array) -> None:
+    (alike,) = alike_fixes(fixes(sigma), GnssNoise(correlated_share=0.9))
+    assert np.all(alike.which)
+
+
 @pytest.mark.parametrize("share", [0.0, 0.5])
 def test_shared_and_own_part_are_the_stated_variance(share: float) -> None:
     noise = GnssNoise(correlated_share=share)

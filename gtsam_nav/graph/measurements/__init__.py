@@ -21,7 +21,7 @@ from gtsam_nav.graph.problem import Problem
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.alignment import Alignment
 from gtsam_nav.preprocess.depth_by_ranges import depth_spread_m
-from gtsam_nav.preprocess.fixes_by_ranges import ranges_tell_places
+from gtsam_nav.preprocess.fixes_by_ranges import fixes_by_ranges
 from gtsam_nav.preprocess.motion import VehicleMotion, measures_velocity
 from gtsam_nav.sensors.orientation import headings_true
 
@@ -50,7 +50,8 @@ def build_problem(
         uses_imu=imu.preintegrable(mission, config.graph.imu_min_rate_hz) is not None,
         has_compass=headings_true(mission) is not None,
         measures_velocity=measures_velocity(mission),
-        by_ranges=alignment.georeferenced and ranges_tell_places(mission, config.landmarks),
+        by_ranges=alignment.georeferenced
+        and fixes_by_ranges(mission, config.landmarks) is not None,
         planar=constraints.is_planar(mission),
         depth_spread_m=depth_spread_m(mission, config.landmarks.use_map),
         origin=mission.origin,
