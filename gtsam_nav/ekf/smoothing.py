@@ -4,9 +4,9 @@ While nothing tells the yaw the filter considers it and does not estimate it: it
 ones that its covariance asks for, and going back through them multiplies what later fixes tell of a
 place by a yaw that may be any. There only the attitude and the gyro's biases, which the gyro alone
 relates over time, are carried back; the rest stays as filtered. The filter then runs once more from
-the yaw that was found: of a vehicle whose motion showed it, near enough for errors that are linear
-in it; of one that lay still, as good as any other, since no place depends on a yaw that no fix
-shows.
+the yaw and the biases that were found, which places ask for: where motion hardly shows the yaw,
+these may lead it away from what the first pass found, and its sigma then says so; of a vehicle that
+lay still it is as good as any other, since no place depends on a yaw that no fix shows.
 """
 
 from __future__ import annotations
@@ -49,14 +49,20 @@ class Smoothed:
     began_without_yaw: bool
 
     def no_surer_of_yaw_than(self, other: Smoothed) -> Smoothed:
-        """A run that was given the yaw another had found, as sure of the yaw as that one."""
+        """A run that was given the yaw another had found: as sure of the yaw as that one, less
+        what it has moved it since."""
         P = []
         for own, told in zip(_nodes(self), _nodes(other), strict=True):
-            lacking = max(yaw_variance(*told) - yaw_variance(*own), 0.0)
+            moved = float(wrap_angle(_yaw(own[0]) - _yaw(told[0])))
+            lacking = max(yaw_variance(*told) + moved**2 - yaw_variance(*own), 0.0)
             down_b = own[0].body.R_nb[2]
             P.append(own[1].copy())
             P[-1][THETA, THETA] += lacking * np.outer(down_b, down_b)
         return replace(self, P=P)
+
+
+def _yaw(state: InertialState) -> float:
+    return float(rpy_from_rotation(state.body.R_nb)[2])
 
 
 def _nodes(smoothed: Smoothed) -> Iterator[tuple[InertialState, Array]]:
@@ -70,7 +76,7 @@ def smoothed_history(history: History) -> Smoothed:
     states = [nodes[k].state.corrected(error[k, :SIZE]) for k in (0, *history.recorded)]
     known = next((node for node in nodes if not node.yaw_unknown), nodes[-1])
     at_start = FoundYaw(
-        float(rpy_from_rotation(states[0].body.R_nb)[2]),
+        _yaw(states[0]),
         states[0].gyro_bias_b,
         known.state.t - states[0].t,
     )
@@ -89,7 +95,7 @@ def from_found_yaw(
     """Filter and smooth again from the yaw that a first pass found, until it stays.
 
     What these passes claim to know of the yaw is what they were given: they state it no surer than
-    the first did.
+    the first did, and count as doubt by how much they left that.
     """
     found, passes = first.at_start, 0
     while True:
