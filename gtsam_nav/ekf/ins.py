@@ -94,6 +94,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         rejections=(*mission.rejections, *rejections, *history.rejections),
         warnings=(
             *mission.warnings,
+            *_idle_imus(mission, imu),
             *stated_rests(mission, config.motion)[1],
             *_silences(strapdown, imu, t),
             *run.doubts(),
@@ -170,6 +171,16 @@ def _trajectory(states: list[InertialState], P: list[Array]) -> Trajectory:
         cov_pose_n=cov_n[:, :6, :6],
         sigma_v_n=np.sqrt(np.diagonal(cov_n[:, 6:, 6:], axis1=1, axis2=2)),
     )
+
+
+def _idle_imus(mission: Mission, taken: Sensor) -> Iterator[str]:
+    """IMUs beside the one that is integrated."""
+    for imu in mission.of_type("imu"):
+        if imu is not taken:
+            yield (
+                f"'{imu.name}' is left out: of several sensors of type imu ins-ekf takes the first,"
+                f" '{taken.name}'"
+            )
 
 
 def _check_sound(t: Array, states: Array, v_n: Array, cov: Array) -> None:

@@ -26,6 +26,8 @@ from gtsam_nav.solution import Innovations, LandmarkEstimates, Progress, Solutio
 from gtsam_nav.trajectory import Trajectory
 
 PROGRESS_EVERY = 1000
+FARTHEST_M = 1e7
+"""No place on Earth is farther from another in a local frame."""
 
 NO_PLACE = (
     "nothing tells where on the map of surveyed landmarks the mission begins: the map is not used"
@@ -135,6 +137,11 @@ class Track:
         p_n, cov = np.array(self.p_n), np.array(self.cov)
         if not (np.all(np.isfinite(p_n)) and np.all(np.isfinite(cov))):
             raise EstimationError("landmark-ekf diverged: the state is not finite")
+        if np.max(np.abs(p_n)) > FARTHEST_M:
+            raise EstimationError(
+                f"landmark-ekf diverged: {np.max(np.abs(p_n)):.0e} m from where the mission began;"
+                " sightings that contradict the motion do so: `inspect` tells their units and signs"
+            )
         return Trajectory(
             t=t,
             p_n=p_n,

@@ -667,3 +667,12 @@ def test_a_receiver_that_begins_at_a_false_place_does_not_mislead(n: int) -> Non
     solution = estimate(edited(laps(), "gnss", p_n=p_n))
     assert error_m(solution, laps()).max() < 5.0
     assert fixes_of(laps()).t[n - 1] in solution.innovations["gnss velocity"].t
+
+
+def test_a_second_imu_is_left_out_and_said() -> None:
+    mission = gn.simulate("laps", seed=1, duration_s=20.0)
+    imu = mission.sensors["imu"]
+    both = mission.with_sensor(replace(imu, name="spare"))
+    found = gn.estimate(both, "ins-ekf").warnings
+    assert [w for w in found if "'spare' is left out" in w]
+    assert not [w for w in gn.estimate(mission, "ins-ekf").warnings if "is left out" in w]

@@ -11,8 +11,9 @@ import pytest
 from rovers import LANDMARKS_N, rover, rows_of, series
 
 import gtsam_nav as gn
+from gtsam_nav.ekf.landmark_slam import Track
 from gtsam_nav.ekf.sighting_updates import GATED, REPEATED, TOO_NEAR, UNCONFIRMED
-from gtsam_nav.errors import DataError
+from gtsam_nav.errors import DataError, EstimationError
 from gtsam_nav.evaluation.metrics import evaluate
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import InitialState, Mission
@@ -290,3 +291,9 @@ def test_mrclam_on_the_surveyed_map_and_without(recorded_data: Path) -> None:
         assert rmse_m(estimated(recorded, *MAP)) <= 1.1 * published
         learnt.append(rmse_m(estimated(recorded, *SLAM)))
     assert np.mean(learnt) <= 0.2
+
+
+def test_a_vehicle_beyond_the_earth_is_an_error() -> None:
+    track = Track([np.eye(3)], [np.array([1e32, 0.0, 0.0])], [np.zeros(3)], [np.eye(6)])
+    with pytest.raises(EstimationError, match=r"diverged: 1e\+32 m from where"):
+        track.trajectory(np.zeros(1))
