@@ -24,8 +24,8 @@ LEAST_BELIEVED = 0.2
 """Where a smaller share of the fixes agrees, none of them tells where the vehicle is."""
 FEWEST, CONTRADICTION = 20, 3.0
 """So many measurements whose median lies at so many standard deviations are not merely noisy."""
-FEWEST_MATCHES = 8
-"""Of so many refused matches it is not chance that none stood."""
+FEWEST_LOOPS = 8
+"""Of so many that are refused it is not chance that none stood."""
 UNMEASURED_M, UNMEASURED_RATIO = 1.0, 10.0
 """A depth that is less sure than this, and than so many times the place, was not measured."""
 
@@ -71,13 +71,14 @@ def missing_loops(wanted: bool, matches: Sequence[ScanMatch]) -> Iterator[str]:
         yield "no loop closures: there were none to put false ones among"
 
 
-def refused_matches(matches: Sequence[ScanMatch]) -> Iterator[str]:
-    """Where no match of scans stood."""
-    if len(matches) >= FEWEST_MATCHES and not any(m.accepted for m in matches):
+def refused_loops(matches: Sequence[ScanMatch]) -> Iterator[str]:
+    """Where no loop closure of scans stood."""
+    loops = [m for m in matches if m.is_loop]
+    if len(loops) >= FEWEST_LOOPS and not any(m.accepted for m in loops):
         yield (
-            f"none of {len(matches)} matches between scans was accepted, and the refinement rests"
-            " on the same echoes: `inspect` tells a sonar that is mounted otherwise than stated;"
-            " sonar.use=false leaves it out"
+            f"none of {len(loops)} loop closures between scans was accepted, and the refinement"
+            " rests on the same echoes: `inspect` tells a sonar that is mounted otherwise than"
+            " stated; sonar.use=false leaves it out"
         )
 
 

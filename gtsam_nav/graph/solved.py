@@ -19,7 +19,7 @@ from gtsam_nav.graph.doubts import (
     fixes,
     is_georeferenced,
     missing_loops,
-    refused_matches,
+    refused_loops,
     unaided,
     unmeasured_height,
 )
@@ -181,7 +181,7 @@ def _warnings(
     yield from (warning for offset in clock_offsets for warning in offset.warnings)
     yield from doubts(problem, settled, converged=solved.converged)
     yield from missing_loops(solved.wants_false, solved.matches)
-    yield from refused_matches(solved.matches)
+    yield from refused_loops(solved.matches)
 
 
 def _keyframes(t: Array, values: Any, covariances: dict[int, Array]) -> Trajectory:
