@@ -18,6 +18,8 @@ from gtsam_nav.solution import Innovations
 
 LARGE_TURN_RAD = 1e-3
 """Below this a correction leaves the axes of the other errors where they are."""
+ROUNDING = 1e-10
+"""Share of the variances that go into an innovation's which is no more than rounding."""
 UNKNOWN_YAW_RAD = float(np.radians(20.0))
 """A heading as uncertain as this is not known: the errors are no longer linear in it."""
 
@@ -176,7 +178,9 @@ class ErrorStateFilter:
         S = H @ P_HT[: H.shape[1]] + R
         if H.shape[1] < self.size:
             H = np.hstack([H, np.zeros((len(H), self.size - H.shape[1]))])
-        S_inverse = _inverse(S)
+        # what is known but for rounding, by a reading without noise, no other corrects
+        known = R[0, 0] == 0.0 and S[0, 0] <= ROUNDING * (H[0] ** 2 @ np.diagonal(self.P))
+        S_inverse = None if known else _inverse(S)
         nis = np.nan if S_inverse is None else float(residual @ S_inverse @ residual)
         return Update(residual, H, R, S_inverse, nis)
 

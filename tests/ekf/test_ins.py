@@ -255,6 +255,8 @@ def test_readings_of_no_noise_do_no_harm() -> None:
     assert rms(error_m(solution, laps())) < 1.5
     depths = np.interp(t, solution.trajectory.t, solution.trajectory.p_n[:, 2])
     assert np.median(np.abs(depths - 0.1)) < 1e-3
+    # what the first left known but for rounding the second does not correct
+    assert {r.sensor for r in solution.rejections if "singular" in r.reason} == {"two"}
 
 
 def test_a_singular_innovation_is_left_out_and_said() -> None:
