@@ -130,9 +130,9 @@ def _warnings_on_edges(method: str, mission: Mission) -> tuple[str, ...]:
 
 
 def _warnings_on_landmarks(method: str, mission: Mission) -> tuple[str, ...]:
-    """What a method that knows no landmarks leaves out, though it tells the place."""
+    """What a method that knows no landmarks leaves out, though nothing else tells the place."""
     seen = mission.of_type("landmarks")
-    if _METHODS[method].uses_landmarks or not seen:
+    if _METHODS[method].uses_landmarks or not seen or mission.first("gnss") is not None:
         return ()
     names = " and ".join(f"'{sensor.name}'" for sensor in seen)
     users = " or ".join(name for name in runnable_methods(mission) if _METHODS[name].uses_landmarks)
