@@ -240,6 +240,6 @@ def _replay(
 
 def _preintegrate(steps: Iterable[tuple[InertialStep, Readings]]) -> None:
     for step, own in steps:
-        pim = gtsam.PreintegratedImuMeasurements(step.parameters, step.pim.biasHat())
+        pim = gtsam.PreintegratedImuMeasurements(step.parameters, step.bias)
         for accel, gyro, dt in zip(own.accel, own.gyro, own.dt.tolist(), strict=True):
             pim.integrateMeasurement(accel, gyro, dt)
