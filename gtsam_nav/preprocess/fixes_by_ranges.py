@@ -62,11 +62,7 @@ class _Ranges:
 
 def ranges_tell_places(mission: Mission, settings: LandmarkSettings) -> bool:
     """Whether an IMU and ranges, without bearings, to enough surveyed beacons tell the way."""
-    others = mission.first("gnss") is not None or mission.edges is not None
-    if others or mission.first("imu") is None or measures_velocity(mission):
-        return False
-    ranges = _ranges(mission, settings)
-    return ranges is not None and _are_spread(ranges.beacon_n)
+    return _telling_ranges(mission, settings) is not None
 
 
 def fixes_by_ranges(mission: Mission, settings: LandmarkSettings) -> Sensor | None:
@@ -75,7 +71,7 @@ def fixes_by_ranges(mission: Mission, settings: LandmarkSettings) -> Sensor | No
     Where nothing measures the depth the vehicle is taken to be above beacons that are deeper than
     the water's surface, and below others.
     """
-    ranges = _ranges(mission, settings) if ranges_tell_places(mission, settings) else None
+    ranges = _telling_ranges(mission, settings)
     if ranges is None:
         return None
     p_n, sigma_m = _path(ranges, mission)
@@ -94,6 +90,14 @@ def said_of_side(mission: Mission) -> Iterator[str]:
             " vehicle is taken to be above those on the bottom, or below those of the surface; a"
             " depth gauge would tell it, or 'initial: position_ned_m'"
         )
+
+
+def _telling_ranges(mission: Mission, settings: LandmarkSettings) -> _Ranges | None:
+    others = mission.first("gnss") is not None or mission.edges is not None
+    if others or mission.first("imu") is None or measures_velocity(mission):
+        return None
+    ranges = _ranges(mission, settings)
+    return ranges if ranges is not None and _are_spread(ranges.beacon_n) else None
 
 
 def _ranges(mission: Mission, settings: LandmarkSettings) -> _Ranges | None:

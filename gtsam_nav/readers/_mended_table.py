@@ -53,10 +53,10 @@ def mended(table: Table, noise: Any, layout: Sequence[Field]) -> tuple[Table, li
         )
         columns |= {column: np.full(len(columns["t"]), usual[column]) for column in usual}
     lacking = np.nan if table.cut_stamp is None else table.cut_stamp
-    days = days_passed(np.append(columns["t"], lacking))
-    columns["t"] = columns["t"] + DAY_S * days[:-1]
-    cut_stamp = None if table.cut_stamp is None else table.cut_stamp + DAY_S * float(days[-1])
-    return replace(table, columns=columns, cut_stamp=cut_stamp), said, bool(np.any(days))
+    stamps, passed = past_midnight(np.append(columns["t"], lacking))
+    columns["t"] = stamps[:-1]
+    cut_stamp = None if table.cut_stamp is None else float(stamps[-1])
+    return replace(table, columns=columns, cut_stamp=cut_stamp), said, passed
 
 
 def _usual_sigmas(table: Table, noise: Any, layout: Sequence[Field]) -> dict[str, float]:
@@ -112,6 +112,12 @@ def said_of_midnight(passed: Sequence[str]) -> list[str]:
 
 def _listed(names: Sequence[str]) -> str:
     return ", ".join(f"'{name}'" for name in names)
+
+
+def past_midnight(t: Array) -> tuple[Array, bool]:
+    """Stamps (n,) that go on past midnight, and whether they do."""
+    days = days_passed(t)
+    return t + DAY_S * days, bool(np.any(days))
 
 
 def days_passed(t: Array) -> Array:

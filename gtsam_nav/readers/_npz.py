@@ -17,7 +17,7 @@ from gtsam_nav.errors import DataError
 from gtsam_nav.mission import Rejection
 from gtsam_nav.preprocess.cleaning import screen, tidy
 from gtsam_nav.readers._bytes import MAX_BYTES
-from gtsam_nav.readers._mended_table import DAY_S, days_passed
+from gtsam_nav.readers._mended_table import past_midnight
 from gtsam_nav.series import BeamSeries, ScanSeries
 
 # what zipfile and NumPy raise on damaged archives and headers
@@ -55,12 +55,9 @@ def read_beams(name: str, path: Path) -> tuple[BeamSeries | None, list[Rejection
     resolution = arrays["resolution_m"]
     if resolution.size != 1 or not (np.isfinite(resolution) & (resolution > 0)).all():
         raise DataError("resolution_m must be one positive number", path)
-    stamps = t.astype(float)
-    days = days_passed(stamps)
-    columns = {"t": stamps + DAY_S * days, "angle": angle.astype(float), "intensity": intensity}
-    return *tidy(BeamSeries, name, columns, resolution_m=float(resolution.reshape(()))), bool(
-        np.any(days)
-    )
+    stamps, passed = past_midnight(t.astype(float))
+    columns = {"t": stamps, "angle": angle.astype(float), "intensity": intensity}
+    return *tidy(BeamSeries, name, columns, resolution_m=float(resolution.reshape(()))), passed
 
 
 def read_scans(name: str, path: Path) -> tuple[ScanSeries | None, list[Rejection], bool]:
@@ -75,8 +72,7 @@ def read_scans(name: str, path: Path) -> tuple[ScanSeries | None, list[Rejection
         raise DataError(
             f"points has shape {points.shape}; ({first[-1]}, 2 or 3) is needed, as first says", path
         )
-    days = days_passed(t)
-    t, passed = t + DAY_S * days, bool(np.any(days))
+    t, passed = past_midnight(t)
     finite = np.all(np.isfinite(points), axis=1)
     bad = np.diff(np.concatenate([[0], np.cumsum(~finite)])[first]) > 0
     kept, rejections = screen(ScanSeries, name, {"t": t}, refused={"non-finite points": bad})

@@ -84,18 +84,31 @@ def _add_positions(
         else:
             rows = zip(at.tolist(), fixes.p_n, arms, own, strict=True)
             maker = as_given([factors.gnss(X(k), p_n, arm, s) for k, p_n, arm, s in rows])
-        for i, k in enumerate(at.tolist()):
-            problem.readings[k].append(
-                Reading(
-                    t=float(fixes.t[i]),
-                    sensor=gnss.name,
-                    index=int(fixes.row[i]),
-                    maker=maker,
-                    row=i,
-                    robustness=robustness,
-                    reason=POSITION_OUTLIER,
-                )
+        _add_readings(problem, gnss.name, fixes, at, maker, robustness, POSITION_OUTLIER)
+
+
+def _add_readings(
+    problem: Problem,
+    name: str,
+    fixes: GnssSeries,
+    keyframe: IntArray,
+    maker: Maker,
+    robustness: GatedRobustness,
+    reason: str,
+) -> None:
+    """A reading of each fix, at its keyframe."""
+    for i, k in enumerate(keyframe.tolist()):
+        problem.readings[k].append(
+            Reading(
+                t=float(fixes.t[i]),
+                sensor=name,
+                index=int(fixes.row[i]),
+                maker=maker,
+                row=i,
+                robustness=robustness,
+                reason=reason,
             )
+        )
 
 
 def _with_errors(
@@ -184,15 +197,4 @@ def _add_velocities(
             for i, key in zip(rows, keys, strict=True)
         ]
 
-    for i, k in enumerate(keyframe.tolist()):
-        problem.readings[k].append(
-            Reading(
-                t=float(series.t[i]),
-                sensor=gnss.name,
-                index=int(series.row[i]),
-                maker=make,
-                row=i,
-                robustness=robustness,
-                reason=VELOCITY_OUTLIER,
-            )
-        )
+    _add_readings(problem, gnss.name, series, keyframe, make, robustness, VELOCITY_OUTLIER)
