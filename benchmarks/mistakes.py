@@ -12,6 +12,7 @@ from functools import cache
 import numpy as np
 
 import gtsam_nav as gn
+from gtsam_nav.audit.motion import turned as turned_by
 from gtsam_nav.frames import (
     Array,
     Origin,
@@ -21,9 +22,11 @@ from gtsam_nav.frames import (
     wrap_angle,
 )
 from gtsam_nav.mission import Mission
-from gtsam_nav.series import GnssSeries
+from gtsam_nav.series import GnssSeries, HeadingSeries
 from gtsam_nav.simulation.settings import GnssSimulation, LandmarkSimulation, SimulationSettings
 
+CURRENT_M_S = (-0.2, 0.15)
+"""Towards north and east: half as fast as the marina's vehicle."""
 G_M_S2 = 9.80665
 KNOT_M_S = 0.514444
 FLU = np.array([1.0, -1.0, -1.0])
@@ -119,6 +122,23 @@ def stale(sensor: str, share: float) -> Callable[[Mission], Mission]:
             if name not in ("t", "row") and (values := getattr(old.series, name)) is not None
         }
         return mission.with_sensor(replace(old, series=replace(old.series, **columns)))
+
+    return make
+
+
+def _through_water(sensor: str) -> Callable[[Mission], Mission]:
+    """Velocities beside a current, by a sensor that is taken to read the ground."""
+
+    def make(mission: Mission) -> Mission:
+        old, heading = mission.sensors[sensor], mission.sensors["heading"].series
+        assert isinstance(heading, HeadingSeries)
+        yaw = np.interp(old.series.t, heading.t, np.unwrap(heading.heading))
+        drift_b = turned_by(np.tile(CURRENT_M_S, (len(yaw), 1)), -yaw)
+        name = "v_b" if old.type == "odometry" else "v_d"
+        v_s = np.array(getattr(old.series, name))
+        drift_s = np.column_stack([drift_b, np.zeros(len(yaw))]) @ old.R_bs
+        series = replace(old.series, **{name: v_s - drift_s[:, : v_s.shape[1]]})
+        return mission.with_sensor(replace(old, series=series))
 
     return make
 
@@ -242,6 +262,13 @@ MISTAKES = (
             "velocity unit", "dvl", "scale: {vx: 0.5144444, vy: 0.5144444, vz", SILENT),
     Mistake("DVL at half scale", "marina", column("dvl", "v_d", lambda v: 0.5 * v),
             "velocity scale", "dvl", "scale: {vx: ", SILENT),
+    Mistake("DVL reads the water", "marina", _through_water("dvl"),
+            "speed through water", "dvl", "lock of water", SILENT),
+    Mistake("odometry reads the water", "marina", _through_water("odometry"),
+            "speed through water", "odometry", "type: dvl", SILENT),
+    Mistake("odometry reads the water, no DVL", "marina",
+            _without("dvl", then=_through_water("odometry")),
+            "speed through water", "odometry", "type: dvl", SILENT),
     Mistake("odometry in deg/s", "marina", column("odometry", "yaw_rate", np.degrees),
             "gyro unit", "odometry", "scale: {wz: 0.01745329}", SILENT),
     Mistake("odometry yaw rate reversed", "marina", column("odometry", "yaw_rate", np.negative),

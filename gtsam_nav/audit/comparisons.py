@@ -21,6 +21,7 @@ from gtsam_nav.audit.courses import (
     compass_series,
     velocity_sources,
 )
+from gtsam_nav.audit.currents import Current, current_findings, currents
 from gtsam_nav.audit.directions import (
     TRACK,
     DirectionBlame,
@@ -82,6 +83,9 @@ class Comparisons:
     sources : tuple of Velocity
         The bow last.
     ways : Baselines or None
+        None where all that tells the way by itself reads the water.
+    drifts : tuple of Current
+        Between fixes and velocities.
     directions : tuple of DirectionPair
     blame : DirectionBlame
     course : HeadingAgainstCourse or None
@@ -103,6 +107,7 @@ class Comparisons:
     compass: HeadingSeries | None
     sources: tuple[Velocity, ...]
     ways: Baselines | None
+    drifts: tuple[Current, ...]
     directions: tuple[DirectionPair, ...]
     blame: DirectionBlame
     course: HeadingAgainstCourse | None
@@ -140,6 +145,10 @@ def compare(mission: Mission) -> Comparisons:
     radians = compasses_in_radians(mission, pairs, sources)
     compass = _compass_as_meant(mission, radians)
     ways = baselines(mission, compass)
+    drifts = currents(sources, ways)
+    if adrift := {drift.sensor for drift in drifts if drift.misleads}:
+        sources = tuple(s for s in sources if s.name not in adrift)
+        ways = None if sources[0].name == BOW else ways
     directions = direction_pairs(sources, ways, _stated_deg(mission))
     blame = direction_blame(directions)
     course = None if ways is None else _course(mission, ways, sources, blame)
@@ -165,6 +174,7 @@ def compare(mission: Mission) -> Comparisons:
         compass=compass,
         sources=sources,
         ways=ways,
+        drifts=drifts,
         directions=directions,
         blame=blame,
         course=course,
@@ -188,6 +198,7 @@ def comparison_findings(mission: Mission, c: Comparisons) -> Iterator[Finding]:
     yield from (f for f in c.gnss if f.sensor != c.mirrored_gnss)
     yield from turn_findings(c.turns, c.turn_pairs, c.wrong_sign, c.radians)
     yield from compass_findings(mission, c.radians)
+    yield from current_findings(mission, c.drifts)
     if c.course is not None:
         yield from _course_findings(c.course, _stated_deg(mission)[TRACK], c)
     heave = reversed_heave(mission, c.vertical, upside_down)

@@ -48,7 +48,8 @@ def lock_findings(lock: DvlLock) -> Iterator[Finding]:
         f"bottom lock {lock.bottom_share:.1%}, water lock {lock.water_share:.1%}, "
         f"longest time without bottom lock {lock.longest_outage_s:.1f} s"
     )
-    severity: Severity = "ok" if lock.bottom_share > 0.8 else "warning"
+    reads_water = lock.water_share > 0.8 and lock.bottom_share == 0.0  # a log, not a DVL
+    severity: Severity = "ok" if reads_water or lock.bottom_share > 0.8 else "warning"
     yield Finding("bottom lock", lock.name, severity, read)
 
 
