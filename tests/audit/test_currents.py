@@ -91,9 +91,7 @@ def test_few_baselines_the_bow_and_no_fixes_tell_nothing() -> None:
 
 def test_the_sensor_is_named_and_what_to_do() -> None:
     where = ways(CURRENT)
-    wheels = OdometrySeries(
-        t=T, v_b=AHEAD, yaw_rate=0.0 * T, sigma_v=SIGMA, sigma_yaw_rate=SIGMA
-    )
+    wheels = OdometrySeries(t=T, v_b=AHEAD, yaw_rate=0.0 * T, sigma_v=SIGMA, sigma_yaw_rate=SIGMA)
     sounder = DvlSeries(
         t=T, v_d=np.column_stack([AHEAD, 0.0 * T]), sigma=SIGMA, valid=EVERY, bottom_lock=EVERY
     )
