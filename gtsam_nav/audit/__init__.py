@@ -7,13 +7,13 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from gtsam_nav.audit.comparisons import Comparisons, compare, comparison_findings
-from gtsam_nav.audit.courses import BOW
 from gtsam_nav.audit.exchanged import exchanged_findings
 from gtsam_nav.audit.findings import Finding
 from gtsam_nav.audit.heading import HeadingAgainstCourse
 from gtsam_nav.audit.motion import DvlLock, dvl_lock, initial_rest_s, lock_findings
 from gtsam_nav.audit.place import place_findings
 from gtsam_nav.audit.repeats import repeat_findings, stuck_findings
+from gtsam_nav.audit.scan_map import moved_scans, scan_findings
 from gtsam_nav.audit.sigmas import sigma_findings
 from gtsam_nav.audit.sonar import SonarHead, sonar_findings, sonar_head
 from gtsam_nav.audit.sonar_map import map_findings, map_likeness, sweeps_of
@@ -137,6 +137,8 @@ def audit(mission: Mission) -> Audit:
         for sonar in sonars:
             yield from sonar_findings(sonar.name, heads[sonar.name])
             yield from _map_findings(sonar, heads[sonar.name], compared)
+        for scanner in mission.of_type("scans"):
+            yield from _scan_findings(scanner, compared)
 
     return Audit(
         mission=mission.name,
@@ -164,13 +166,22 @@ def _map_findings(
     compass = compared.compass
     if head is None or head.unit != "rad" or compass is None or compared.suspects_motion:
         return
-    velocity = compared.sources[0] if compared.sources[0].name != BOW else None
+    velocity = compared.velocity
     sweeps = sweeps_of(sonar, compass, velocity, head.beams_per_sweep)
     if sweeps is not None:
         like = map_likeness(sweeps, knows_way=velocity is not None)
-        # without fixes the way has no other witness
-        suspected = [velocity.name] if velocity is not None and compared.ways is None else []
-        yield from map_findings(sonar, like, suspected)
+        yield from map_findings(sonar, like, compared.unwitnessed)
+
+
+def _scan_findings(scanner: Sensor, compared: Comparisons) -> Iterator[Finding]:
+    """The same of points."""
+    yaw = compared.yaw
+    if yaw is None or compared.suspects_motion:
+        return
+    scans = moved_scans(scanner, yaw, compared.velocity)
+    if scans is not None:
+        like = map_likeness(scans, scans.knows_way)
+        yield from scan_findings(scanner, like, compared.unwitnessed)
 
 
 def with_alerts(mission: Mission) -> Mission:

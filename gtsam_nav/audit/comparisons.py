@@ -127,6 +127,25 @@ class Comparisons:
         return course.gnss if course.gnss in self.wrong_sign else None
 
     @property
+    def velocity(self) -> Velocity | None:
+        """The first sensor of velocities over ground."""
+        return self.sources[0] if self.sources[0].name != BOW else None
+
+    @property
+    def unwitnessed(self) -> tuple[str, ...]:
+        """Who alone tells the way: without fixes it has no other witness."""
+        alone = self.velocity is not None and self.ways is None
+        return (self.sources[0].name,) if alone else ()
+
+    @property
+    def yaw(self) -> Signal | None:
+        """By the compass, or else by odometry, whose drift is slow."""
+        if self.compass is not None and len(self.compass) > 1:
+            return Signal(self.compass.t, np.unwrap(self.compass.heading))
+        by_odometry = (t for t in self.turns.values() if t.sensor.type == "odometry")
+        return next((t.signal for t in by_odometry), None)
+
+    @property
     def suspects_motion(self) -> bool:
         """Whether the way or the turns by which a map is drawn are in doubt."""
         converted = self.course is not None and not self.course.convention.is_stated
@@ -214,8 +233,8 @@ def comparison_findings(mission: Mission, c: Comparisons) -> Iterator[Finding]:
     yield from tilt_findings(c.tilts)
     if not c.suspects_motion:
         yield from bearing_findings(mission)
-        if c.sources[0].name != BOW:
-            yield from range_findings(mission, c.sources[0])
+        if c.velocity is not None:
+            yield from range_findings(mission, c.velocity)
     for name, fit in c.antennas.items():
         yield from lever_findings(mission.sensors[name], fit)
     timed = [s.name for s in mission.sensors.values() if s.type in TIMED and len(s.series) > 1]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -35,6 +36,17 @@ OFFSETS = STEP_RAD * np.arange(36)
 
 Reading = tuple[float, float]
 """Sign of the head's angle and turn of its zero, rad; (1, 0) is the stated reading."""
+
+
+class Drawn(Protocol):
+    """Pictures of the surroundings, (k, 2) pairs of which the vehicle's motion parts."""
+
+    @property
+    def pairs(self) -> IntArray: ...
+
+    def likeness(self, reading: Reading) -> Array:
+        """Share of echoes of each pair that fall upon those of the other picture, shape (k,)."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -67,14 +79,15 @@ class Sweeps:
             [np.cos(bearing), np.sin(bearing)], axis=-1
         )
         cells = np.floor(points_n / CELL_M).astype(np.int64)
-        return np.array([self._overlap(cells, a, b) for a, b in self.pairs])
+        seen = [own[heard] for own, heard in zip(cells, self.heard, strict=True)]
+        return np.array([overlap(seen[a], seen[b]) for a, b in self.pairs])
 
-    def _overlap(self, cells: IntArray, a: int, b: int) -> float:
-        """Of two sweeps' cells, either one's next to the other's."""
-        one, other = cells[a][self.heard[a]], cells[b][self.heard[b]]
-        if not (len(one) and len(other)):
-            return 0.0
-        return 0.5 * (_share(one, other) + _share(other, one))
+
+def overlap(one: IntArray, other: IntArray) -> float:
+    """Of the cells (k, 2) of two pictures, the share of either one's next to the other's."""
+    if not (len(one) and len(other)):
+        return 0.0
+    return 0.5 * (_share(one, other) + _share(other, one))
 
 
 def _share(cells: IntArray, of: IntArray) -> float:
@@ -92,7 +105,7 @@ def _number(cells: IntArray) -> IntArray:
 
 @dataclass(frozen=True)
 class MapLikeness:
-    """How well sweeps agree as stated, mirrored, and in the best reading of the head's angle.
+    """How well pictures agree as stated, mirrored, and in the best reading of the head's angle.
 
     ``better`` says that the best reading is significantly better than the stated one, ``settled``
     that the stated one is than the mirrored.
@@ -149,33 +162,36 @@ def _pairs(yaw: Array, head_n: Array) -> IntArray:
     return np.asarray(told[:: max(1, -(-len(told) // MOST_PAIRS))])
 
 
-def map_likeness(sweeps: Sweeps, knows_way: bool) -> MapLikeness:
-    """Compare readings of the head's angle; all of them only where the nearest do not settle it.
+def map_likeness(drawn: Drawn, knows_way: bool) -> MapLikeness:
+    """Compare readings of the angle; all of them only where the nearest do not settle it.
 
     Parameters
     ----------
-    sweeps : Sweeps
+    drawn : Drawn
     knows_way : bool
         Without the vehicle's way only the sign can be told, and its zero not.
     """
-    stated, mirrored = sweeps.likeness((1.0, 0.0)), sweeps.likeness((-1.0, 0.0))
+    stated, mirrored = drawn.likeness((1.0, 0.0)), drawn.likeness((-1.0, 0.0))
     found = {(1.0, 0.0): stated, (-1.0, 0.0): mirrored}
     if knows_way:
         near = [(1.0, float(OFFSETS[2])), (1.0, float(OFFSETS[-2]))]
-        found |= {reading: sweeps.likeness(reading) for reading in near}
+        found |= {reading: drawn.likeness(reading) for reading in near}
         if not all(_settled(stated, found[reading]) for reading in (*near, (-1.0, 0.0))):
             readings = [(sign, float(o)) for sign in (1.0, -1.0) for o in OFFSETS]
-            found |= {r: sweeps.likeness(r) for r in readings if r not in found}
+            found |= {r: drawn.likeness(r) for r in readings if r not in found}
     winner = max(found, key=lambda r: float(np.mean(found[r])))
+    unturned = (winner[0], 0.0)
+    if not prefers(-found[unturned], -found[winner]):
+        winner = unturned
     questions = 2 * len(OFFSETS) if knows_way else 1
     return MapLikeness(
         stated=float(np.mean(stated)),
         mirrored=float(np.mean(mirrored)),
         best=float(np.mean(found[winner])),
-        reading=(winner[0], _refined(winner, found)),
+        reading=winner if winner == unturned else (winner[0], _refined(winner, found)),
         better=prefers(-stated, -found[winner], questions),
         settled=_settled(stated, mirrored),
-        n_pairs=len(sweeps.pairs),
+        n_pairs=len(drawn.pairs),
     )
 
 
@@ -214,7 +230,7 @@ def map_findings(sonar: Sensor, like: MapLikeness, suspected: Sequence[str]) -> 
     or_else = f", unless {' or '.join(suspected)} is wrong" if suspected else ""
     if sign < 0:
         fix = fixes.mounting(R_bs @ np.diag([1.0, -1.0, -1.0]))
-        read += f", {turn}" if abs(offset) > 0.5 * STEP_RAD else ""
+        read += f", {turn}" if offset else ""
         message = f"{read}: the head angle counts counter-clockwise{or_else}"
         yield Finding("sonar handedness", sonar.name, "warning", message, fix)
     else:
