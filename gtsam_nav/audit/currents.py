@@ -17,7 +17,7 @@ from gtsam_nav.audit.courses import BOW, Baselines, Velocity
 from gtsam_nav.audit.findings import Finding
 from gtsam_nav.audit.significance import FALSE_ALARM, losses, prefers
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import Mission, Sensor
+from gtsam_nav.mission import Mission
 
 FEWEST = 8
 TOLERATED_M_S = 0.1
@@ -141,11 +141,6 @@ def current_findings(mission: Mission, found: Sequence[Current]) -> Iterator[Fin
             f"baselines: {current.sensor} reads the water and is taken to read the ground, so that "
             "the current becomes an error of the compass"
         )
-        fix = _fix(mission.sensors[current.sensor])
+        is_dvl = mission.sensors[current.sensor].type == "dvl"
+        fix = "through_water: true" if is_dvl else "type: dvl, through_water: true"
         yield Finding("speed through water", current.sensor, "warning", message, fix)
-
-
-def _fix(sensor: Sensor) -> str:
-    """A DVL's lock is a column of its own."""
-    needs = "a column lock of water"
-    return needs if sensor.type == "dvl" else f"type: dvl, and in its file {needs}, vz 0"

@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from pydantic import Field, model_validator
 
 from gtsam_nav.cards import (
@@ -19,8 +18,7 @@ from gtsam_nav.cards import (
 )
 from gtsam_nav.errors import DataError
 from gtsam_nav.mission import Mission, Sensor
-from gtsam_nav.readers._mounting import ORIENTING_TYPES, in_body_axes
-from gtsam_nav.series import ScanSeries
+from gtsam_nav.readers._mounting import in_body_axes
 
 
 class FileCard(Described):
@@ -66,23 +64,15 @@ def with_card(mission: Mission, path: Path) -> Mission:
 
 
 def _mounted(sensor: Sensor, entry: SensorCard) -> Sensor:
-    series = sensor.series.shift(entry.time_offset_s)
-    stated, xyz_b, R_bs = entry.model_fields_set, sensor.xyz_b, sensor.R_bs
-    if stated & {"xyz_m", "rpy_deg"}:
-        xyz_b, R_bs = entry.xyz_b, entry.R_bs
-        if isinstance(series, ScanSeries):
-            # points are in the body's axes, where the reader knew no better than the scanner's
-            here = xyz_b[: series.points_b.shape[1]]
-            turn = R_bs[: len(here), : len(here)]
-            series = replace(series, points_b=here + series.points_b @ turn.T)
-        series = in_body_axes(series, R_bs)
-        R_bs = np.eye(3) if sensor.type in ORIENTING_TYPES else R_bs
+    stated = entry.model_fields_set
     known = "time_offset" in stated
-    return replace(
+    clocked = replace(
         sensor,
-        series=series,
-        xyz_b=xyz_b,
-        R_bs=R_bs,
+        series=sensor.series.shift(entry.time_offset_s),
         noise={**sensor.noise, **entry.noise},
         time_offset_sigma_s=entry.time_offset_sigma_s if known else sensor.time_offset_sigma_s,
     )
+    if not stated & {"xyz_m", "rpy_deg"}:
+        return clocked
+    # of a scanner's points the reader knew no better than that they are the body's
+    return in_body_axes(replace(clocked, xyz_b=entry.xyz_b, R_bs=entry.R_bs))

@@ -118,6 +118,8 @@ class SensorEntry(SensorCard):
         What the file's header calls a column: ``{t: stamp_ns, gx: rate_x}``.
     scale : map of str to float
         What the numbers of a column are multiplied by: ``{t: 1.0e-9, gx: 0.0174533}``.
+    through_water : bool
+        Of a dvl: whether its file is that of a log, which reads the water.
     """
 
     file: str
@@ -125,6 +127,7 @@ class SensorEntry(SensorCard):
     vertical_usable: bool = True
     columns: dict[str, str] = Field(default_factory=dict)
     scale: dict[str, FiniteFloat] = Field(default_factory=dict)
+    through_water: bool = False
 
     @field_validator("columns", "scale", mode="before")
     @classmethod
@@ -144,6 +147,12 @@ class SensorEntry(SensorCard):
             raise ValueError(
                 f"a {self.type} has no column '{unknown[0]}'; the choices are: {', '.join(known)}"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _a_log_is_a_dvl(self) -> SensorEntry:
+        if self.through_water and self.type != "dvl":
+            raise ValueError(f"through_water is of a dvl, and this is a sensor of type {self.type}")
         return self
 
     @classmethod

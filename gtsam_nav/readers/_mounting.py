@@ -1,4 +1,4 @@
-"""Headings and tilts of a turned instrument as those of the body."""
+"""Headings, tilts and points of a mounted instrument as those of the body."""
 
 from __future__ import annotations
 
@@ -7,28 +7,32 @@ from dataclasses import replace
 import numpy as np
 
 from gtsam_nav.frames import Array, rotation_from_rpy, rpy_from_rotation, wrap_angle
-from gtsam_nav.series import AttitudeSeries, HeadingSeries, Series
-
-ORIENTING_TYPES = (HeadingSeries.TYPE, AttitudeSeries.TYPE)
-"""Types of sensor whose series are the body's, so that their mounting is the identity."""
+from gtsam_nav.mission import Sensor
+from gtsam_nav.series import AttitudeSeries, HeadingSeries, ScanSeries
 
 
-def in_body_axes(series: Series, R_bs: Array) -> Series:
-    """The same series, but the heading or the tilt in it is that of the body.
+def in_body_axes(sensor: Sensor) -> Sensor:
+    """The same sensor, but what is told in the body's axes is: headings, tilts, points of scans.
 
     Parameters
     ----------
-    series : Series
-        Of the instrument; types other than `ORIENTING_TYPES` pass through.
-    R_bs : ndarray, shape (3, 3)
-        The instrument's mounting.
+    sensor : Sensor
+        Its series as the instrument has them; types that are told in the instrument's axes pass
+        through.
     """
+    series, R_bs = sensor.series, sensor.R_bs
     if isinstance(series, HeadingSeries):
-        return replace(series, heading=body_heading(series.heading, R_bs))
+        turned = replace(series, heading=body_heading(series.heading, R_bs))
+        return replace(sensor, series=turned, R_bs=np.eye(3))
     if isinstance(series, AttitudeSeries):
         roll, pitch = body_tilt(series.roll, series.pitch, R_bs)
-        return replace(series, roll=roll, pitch=pitch)
-    return series
+        return replace(sensor, series=replace(series, roll=roll, pitch=pitch), R_bs=np.eye(3))
+    if isinstance(series, ScanSeries):
+        here = sensor.xyz_b[: series.points_b.shape[1]]
+        turn = R_bs[: len(here), : len(here)]
+        placed = replace(series, points_b=here + series.points_b @ turn.T)
+        return replace(sensor, series=placed, xyz_b=np.zeros(3), R_bs=np.eye(3))
+    return sensor
 
 
 def body_heading(heading_s: Array, R_bs: Array) -> Array:

@@ -29,7 +29,7 @@ origin the first fix of a file with latitudes is taken, and a warning says so. `
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -38,12 +38,13 @@ import numpy as np
 
 from gtsam_nav.cards import read_yaml
 from gtsam_nav.errors import DataError
-from gtsam_nav.frames import Array, Origin
+from gtsam_nav.frames import Origin
 from gtsam_nav.mission import LandmarkMap, Mission, Rejection, Sensor
 from gtsam_nav.pose_edges import PoseEdges
 from gtsam_nav.preprocess.cleaning import screen, tidy
 from gtsam_nav.preprocess.repeats import without_repeats
 from gtsam_nav.readers._clock import on_mission_time
+from gtsam_nav.readers._columns import not_whole, of_a_log, values_of
 from gtsam_nav.readers._edge_table import read_edges
 from gtsam_nav.readers._gnss import OFF_THE_GLOBE, OFF_THE_GLOBE_MENDED, Fixes
 from gtsam_nav.readers._mended_table import mended, onto_one_day, said_of_midnight
@@ -56,13 +57,13 @@ from gtsam_nav.readers._mission_yaml import (
     SensorEntry,
     file_inside,
 )
-from gtsam_nav.readers._mounting import ORIENTING_TYPES, in_body_axes
+from gtsam_nav.readers._mounting import in_body_axes
 from gtsam_nav.readers._npz import read_beams, read_scans
 from gtsam_nav.readers._rejections import REJECTIONS_FILE, read_rejections
 from gtsam_nav.readers._table import Table, read_named_files, read_table, truncation
 from gtsam_nav.readers.layout import GEODETIC_COLUMNS, LAYOUTS, NED_COLUMNS, Field
 from gtsam_nav.sensors.noise import NOISE_MODELS
-from gtsam_nav.series import SERIES_TYPES, BoolArray, CloudSeries, Series
+from gtsam_nav.series import SERIES_TYPES, CloudSeries, Series
 from gtsam_nav.solution import Progress, no_progress
 
 NAME = "mission folder"
@@ -196,16 +197,17 @@ class _Reading:
         if entry.drop_repeats:
             series, repeats = without_repeats(name, series)
             self.rejections += repeats
-        self.sensors[name] = Sensor(
+        sensor = Sensor(
             name=name,
             type=entry.type,
-            series=in_body_axes(series, entry.R_bs),
+            series=series,
             xyz_b=entry.xyz_b,
-            R_bs=np.eye(3) if entry.type in ORIENTING_TYPES else entry.R_bs,
+            R_bs=entry.R_bs,
             noise=entry.noise,
             simulated=entry.simulated,
             time_offset_sigma_s=entry.time_offset_sigma_s,
         )
+        self.sensors[name] = in_body_axes(sensor)
 
     def _series(self, name: str, entry: SensorEntry, path: Path) -> Cleaned:
         if entry.type in ("beams", "scans"):
@@ -230,7 +232,7 @@ class _Reading:
             return series, rejections + table.cut(name)
         columns: dict[str, Any] = {"t": table.columns["t"]}
         for spec in layout:
-            values = _values(spec, table, noise)
+            values = values_of(spec, table, noise)
             if values is not None:
                 columns[spec.series] = values
         constants: dict[str, Any] = {}
@@ -240,7 +242,7 @@ class _Reading:
             SERIES_TYPES[entry.type],
             name,
             columns,
-            refused=_not_whole(layout, columns),
+            refused=not_whole(layout, columns),
             max_speed_m_s=getattr(noise, "max_speed_m_s", np.inf),
             components={spec.series: spec.columns for spec in layout},
             **constants,
@@ -248,7 +250,7 @@ class _Reading:
         return series, rejections + table.cut(name)
 
     def _geodetic(self, name: str, table: Table, noise: Any, layout: tuple[Field, ...]) -> Cleaned:
-        _, sigma, v_n = (_values(spec, table, noise) for spec in layout)
+        _, sigma, v_n = (values_of(spec, table, noise) for spec in layout)
         assert sigma is not None
         lat, lon, height = (table.columns[c] for c in GEODETIC_COLUMNS)
         fixes = Fixes(table.columns["t"], lat, lon, height, sigma, v_n)
@@ -265,6 +267,8 @@ class _Reading:
     def _table(self, name: str, entry: SensorEntry, path: Path, layout: tuple[Field, ...]) -> Table:
         required = ["t", *(c for spec in layout if spec.required for c in spec.columns)]
         optional = [c for spec in layout if not spec.required for c in spec.columns]
+        if entry.through_water:
+            required, optional = ["t", "vx"], ["vy", "vz", *optional]
         words = {c: spec.words for spec in layout if spec.words for c in spec.columns}
         instead = (NED_COLUMNS, GEODETIC_COLUMNS) if entry.type == "gnss" else None
         table = read_table(
@@ -283,7 +287,7 @@ class _Reading:
             cut = ", and the archive is cut off there" * table.archive_cut
             self.warnings.append(f"{where}: the last line is damaged: left out{cut}")
         self.unread.setdefault(path, {})[name] = table.unknown
-        return table
+        return of_a_log(table) if entry.through_water else table
 
     def unknown_columns(self) -> Iterator[str]:
         """What is said of columns that no sensor takes."""
@@ -329,35 +333,3 @@ class _Reading:
         if len(np.unique(whole.id)) < len(whole.id):
             raise DataError("a landmark's id is given twice", path)
         return whole
-
-
-def _not_whole(layout: tuple[Field, ...], columns: Mapping[str, Array]) -> dict[str, BoolArray]:
-    """Samples with a fraction where a whole number belongs, by reason."""
-    return {
-        f"fractional {spec.series}": np.isfinite(columns[spec.series])
-        & (columns[spec.series] != np.floor(columns[spec.series]))
-        for spec in layout
-        if spec.integer
-    }
-
-
-def _values(spec: Field, table: Table, noise: Any) -> Array | None:
-    """One column of the series from the file, from the noise figures, or from its default."""
-    n = len(table.columns["t"])
-    names = spec.columns
-    if spec.columns == NED_COLUMNS and table.has(GEODETIC_COLUMNS):
-        return None
-    present = [name for name in names if name in table.columns]
-    if present and len(present) < len(names):
-        lacking = ", ".join(name for name in names if name not in present)
-        raise DataError(f"column {present[0]} is given without {lacking}", table.path)
-    if present:
-        values = np.column_stack([table.columns[name] for name in names])
-    elif spec.noise:
-        values = np.tile([getattr(noise, figure) for figure in spec.noise], (n, 1))
-    elif spec.absent is not None:
-        values = np.full((n, len(names)), spec.absent)
-    else:
-        return None
-    values = values if len(names) > 1 else values[:, 0]
-    return np.radians(values) if spec.degrees else values

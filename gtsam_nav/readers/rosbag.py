@@ -34,7 +34,7 @@ from gtsam_nav.preprocess.cleaning import tidy
 from gtsam_nav.preprocess.repeats import without_repeats
 from gtsam_nav.readers._clock import on_mission_time
 from gtsam_nav.readers._gnss import Fixes
-from gtsam_nav.readers._mounting import ORIENTING_TYPES, in_body_axes
+from gtsam_nav.readers._mounting import in_body_axes
 from gtsam_nav.readers._ros_bag import Bag, Clock, bag_paths, open_bag
 from gtsam_nav.readers._ros_card import BagCard, BagSensor
 from gtsam_nav.readers._ros_choice import Choice, choose, could_be, propose
@@ -256,14 +256,15 @@ class _Reading:
             R_bs, xyz_b = mounting
             if isinstance(series, ScanSeries) or series.TYPE in BARE_TYPES:
                 R_bs, xyz_b = np.eye(3), np.zeros(3)
-            found[choice.name] = Sensor(
+            sensor = Sensor(
                 choice.name,
                 choice.entry.type,
-                in_body_axes(series, R_bs),
+                series,
                 xyz_b=xyz_b,
-                R_bs=np.eye(3) if choice.entry.type in ORIENTING_TYPES else R_bs,
+                R_bs=R_bs,
                 noise=choice.entry.noise,
             )
+            found[choice.name] = in_body_axes(sensor)
         self._warn_of_the_unmounted()
         return found
 

@@ -26,7 +26,7 @@ from gtsam_nav.preprocess.cleaning import tidy
 from gtsam_nav.readers._beam_log import read_beams
 from gtsam_nav.readers._clock import on_mission_time
 from gtsam_nav.readers._gnss import Fixes
-from gtsam_nav.readers._mounting import ORIENTING_TYPES, in_body_axes
+from gtsam_nav.readers._mounting import in_body_axes
 from gtsam_nav.readers._rows import Rows, parse_rows
 from gtsam_nav.readers._table import truncation
 from gtsam_nav.readers._text import read_lines
@@ -148,15 +148,16 @@ def _sonar_log(folder: Path) -> tuple[Path | None, bool]:
 
 def _mounted(name: str, series: Series, card: Card) -> Sensor:
     entry = card.sensors[name]
-    return Sensor(
+    sensor = Sensor(
         name=name,
         type=entry.type,
-        series=in_body_axes(series, entry.R_bs),
+        series=series,
         xyz_b=entry.xyz_b,
-        R_bs=np.eye(3) if entry.type in ORIENTING_TYPES else entry.R_bs,
+        R_bs=entry.R_bs,
         noise=entry.noise,
         time_offset_sigma_s=entry.time_offset_sigma_s,
     )
+    return in_body_axes(sensor)
 
 
 def _rows(path: Path, names: Sequence[str]) -> Rows:

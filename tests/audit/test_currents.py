@@ -110,9 +110,9 @@ def test_the_sensor_is_named_and_what_to_do() -> None:
         "warning",
     )
     assert "0.36 m/s towards 14" in first.message
-    assert first.fix.startswith("type: dvl")
+    assert first.fix == "type: dvl, through_water: true"
     assert second.sensor == "dvl"
-    assert second.fix == "a column lock of water"
+    assert second.fix == "through_water: true"
 
 
 def test_nothing_is_said_of_what_does_not_mislead() -> None:

@@ -24,6 +24,7 @@ from gtsam_nav.series import (
     LandmarkSeries,
     OdometrySeries,
     ReferenceSeries,
+    ScanSeries,
 )
 from gtsam_nav.writers.mission_folder import write_mission
 
@@ -59,6 +60,47 @@ def test_dvl_locks_are_words(tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.flatnonzero(~series.valid), [3])
     np.testing.assert_array_equal(np.flatnonzero(~series.bottom_lock), [5])
     np.testing.assert_array_equal(series.altitude_m, np.arange(10) + 0.5)
+
+
+def test_a_log_reads_the_water_and_ahead_alone(tmp_path: Path) -> None:
+    folder = one_sensor_folder(tmp_path, "dvl", csv("t,vx", 1.5), through_water=True)
+    mission = open_mission(folder)
+    series = mission.sensors["x"].series
+    assert isinstance(series, DvlSeries)
+    np.testing.assert_array_equal(series.v_d, np.tile([1.5, 0.0, 0.0], (10, 1)))
+    assert not np.any(series.bottom_lock)
+    assert np.all(series.valid)
+    write_mission(mission, tmp_path / "again")
+    again = open_mission(tmp_path / "again").sensors["x"].series
+    assert isinstance(again, DvlSeries)
+    assert not np.any(again.bottom_lock)
+
+
+def test_what_odometry_read_of_the_water_is_a_log_by_its_card(tmp_path: Path) -> None:
+    text = csv("t,vx,vy,wz", 1.5, 0.1, 0.02)
+    series = read_one(tmp_path, "dvl", text, through_water=True).series
+    assert isinstance(series, DvlSeries)
+    np.testing.assert_array_equal(series.v_d[0], [1.5, 0.1, 0.0])
+
+
+def test_through_water_is_of_a_dvl(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="through_water is of a dvl"):
+        read_one(tmp_path, "depth", DEPTH_CSV, through_water=True)
+
+
+def test_points_of_a_mounted_scanner_read_as_the_body_sees_them(tmp_path: Path) -> None:
+    placed = {"file": "scans.npz", "xyz_m": [0.5, 0.1, -0.3], "rpy_deg": [180, 0, 90]}
+    folder = make_folder(tmp_path, {}, {"scans": placed})
+    seen = [[2.0, 0.0], [0.0, 3.0]]
+    np.savez(folder / "scans.npz", t=np.arange(2.0), first=[0, 1, 2], points=seen)
+    mission = open_mission(folder)
+    scanner = mission.sensors["scans"]
+    assert isinstance(scanner.series, ScanSeries)
+    np.testing.assert_allclose(scanner.series.points_b, [[0.5, 2.1], [3.5, 0.1]], atol=1e-12)
+    write_mission(mission, tmp_path / "again")
+    again = open_mission(tmp_path / "again").sensors["scans"].series
+    assert isinstance(again, ScanSeries)
+    np.testing.assert_allclose(again.points_b, scanner.series.points_b)
 
 
 def test_columns_come_in_any_order_and_unknown_ones_are_named(tmp_path: Path) -> None:
