@@ -12,9 +12,9 @@ is RMC's; times that pass midnight belong to the next day. A sigma is that of th
 times HDOP.
 
 The velocity, whose vertical component no sentence tells and which is zero for what floats, goes
-with the fixes. Where HDT tells the heading it becomes a sensor of its own instead, ``speed``:
-velocity over ground along the vessel's axes, as a DVL has it, to dead-reckon the vessel by. It is
-turned by that same heading: the two cannot check each other.
+with the fixes if all of them have one. Where HDT tells the heading it becomes a sensor of its own
+instead, ``speed``: velocity over ground along the vessel's axes, as a DVL has it, to dead-reckon
+the vessel by. It is turned by that same heading: the two cannot check each other.
 """
 
 from __future__ import annotations
@@ -53,6 +53,8 @@ KNOT_M_S = 1852.0 / 3600.0
 KM_H_M_S = 1.0 / 3.6
 SAME_EPOCH_S = 1.0
 """A velocity goes with a fix that is no further away in time."""
+SLOW_M_S = GnssNoise().sigma_velocity_m_s
+"""Receivers leave the course of what is as slow empty: it is at rest, for all that they know."""
 
 SIGMA_BY_QUALITY_M = {1: GnssNoise().sigma_horizontal_m, 2: 0.6, 3: 0.6, 4: 0.02, 5: 0.3}
 """Horizontal sigma at HDOP 1: stand-alone, differential, PPS, RTK fixed and RTK float."""
@@ -85,14 +87,14 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
     if not (log.fixes or log.rmc_fixes or log.headings):
         raise DataError("no GGA or RMC sentence with a position, and no HDT with a heading", path)
     log.put_on_dates()
-    origin, sensors, rejections = _sensors(log)
+    origin, sensors, rejections, told = _sensors(log)
     mission = Mission(
         name=path.name.removesuffix(".gz").removesuffix(".bz2").removesuffix(".txt"),
         sensors=sensors,
         origin=origin,
         start_utc=log.zero_s if log.dated else None,
         rejections=tuple(rejections),
-        warnings=(*log.warnings(), *said_of_end(line)),
+        warnings=(*log.warnings(), *told, *said_of_end(line)),
         sources=(path,),
     )
     return on_mission_time(mission, dict.fromkeys(("gnss", "speed", "heading"), 0.0))
@@ -199,15 +201,19 @@ class _Log:
             return
         values = (_degrees(f[3], f[4]), _degrees(f[5], f[6]), 0.0)
         self.rmc_fixes.append(_Fix(now, values, SIGMA_BY_QUALITY_M[1]))
-        if f[7] and f[8]:
-            self.velocities["RMC"].append((now, float(f[7]) * KNOT_M_S, np.radians(float(f[8]))))
+        if f[7]:
+            self._velocity("RMC", float(f[7]) * KNOT_M_S, f[8])
 
     def _vtg(self, f: list[str]) -> None:
         speed = float(f[7]) * KM_H_M_S if f[7] else float(f[5]) * KNOT_M_S
-        # a receiver at rest states no course
-        course = np.radians(float(f[1])) if f[1] else 0.0
-        if (f[1] or speed == 0.0) and self._now >= 0:
-            self.velocities["VTG"].append((self._now, speed, course))
+        if self._now >= 0:
+            self._velocity("VTG", speed, f[1])
+
+    def _velocity(self, kind: str, speed: float, course_deg: str) -> None:
+        if course_deg:
+            self.velocities[kind].append((self._now, speed, np.radians(float(course_deg))))
+        elif speed <= SLOW_M_S:
+            self.velocities[kind].append((self._now, 0.0, 0.0))
 
     def _hdt(self, f: list[str]) -> None:
         reason = "" if f[1] else "no heading"
@@ -264,9 +270,10 @@ def _degrees(text: str, hemisphere: str) -> float:
     return -degrees if hemisphere in ("S", "W") else degrees
 
 
-def _sensors(log: _Log) -> tuple[Origin | None, dict[str, Sensor], list[Rejection]]:
+def _sensors(log: _Log) -> tuple[Origin | None, dict[str, Sensor], list[Rejection], list[str]]:
     found: dict[str, Series | None] = {}
     rejections: list[Rejection] = []
+    told: list[str] = []
     origin = None
     if log.headings:
         found["heading"], dropped = _headings(log)
@@ -279,6 +286,7 @@ def _sensors(log: _Log) -> tuple[Origin | None, dict[str, Sensor], list[Rejectio
             found["speed"], dropped = _speed(fixes, heading)
             rejections += dropped
             fixes = replace(fixes, v_n=None)
+        fixes, told = _all_or_no_velocities(fixes)
         found["gnss"], dropped = fixes.series("gnss", origin or Origin(0.0, 0.0))
         rejections += dropped
     kinds = {"gnss": "gnss", "speed": "dvl", "heading": "heading"}
@@ -287,7 +295,7 @@ def _sensors(log: _Log) -> tuple[Origin | None, dict[str, Sensor], list[Rejectio
         for name, kind in kinds.items()
         if (series := found.get(name)) is not None
     }
-    return origin, sensors, rejections
+    return origin, sensors, rejections, told
 
 
 def _headings(log: _Log) -> tuple[HeadingSeries | None, list[Rejection]]:
@@ -302,8 +310,8 @@ def _headings(log: _Log) -> tuple[HeadingSeries | None, list[Rejection]]:
 def _speed(fixes: Fixes, heading: HeadingSeries) -> tuple[DvlSeries | None, list[Rejection]]:
     """The velocities of the fixes along the vessel's axes."""
     assert fixes.v_n is not None
-    moving = np.isfinite(fixes.latitude_deg)
-    t, v_n = fixes.t[moving], fixes.v_n[moving]
+    located = np.isfinite(fixes.latitude_deg)
+    t, v_n = fixes.t[located], fixes.v_n[located]
     yaw = np.interp(t, heading.t, np.unwrap(heading.heading))
     c, s = np.cos(yaw), np.sin(yaw)
     columns = {
@@ -316,7 +324,23 @@ def _speed(fixes: Fixes, heading: HeadingSeries) -> tuple[DvlSeries | None, list
         "bottom_lock": np.ones(len(t)),
     }
     apart = np.abs(t - heading.t[_nearest(heading.t, t)]) > SAME_EPOCH_S
-    return tidy(DvlSeries, "speed", columns, refused={"no heading near": apart})
+    refused = {"no velocity near": np.isnan(v_n[:, 0]), "no heading near": apart}
+    return tidy(DvlSeries, "speed", columns, refused=refused)
+
+
+def _all_or_no_velocities(fixes: Fixes) -> tuple[Fixes, list[str]]:
+    """The fixes without their velocities where one has none, and what is said of that."""
+    if fixes.v_n is None:
+        return fixes, []
+    located = np.isfinite(fixes.latitude_deg)
+    n_without = np.sum(located & np.isnan(fixes.v_n[:, 0]))
+    if not n_without:
+        return fixes, []
+    told = (
+        f"the velocities of 'gnss' are left out: {n_without} of {np.sum(located)} fixes have none"
+        f" within {SAME_EPOCH_S:g} s, and all need one"
+    )
+    return replace(fixes, v_n=None), [told]
 
 
 def _fixes(log: _Log) -> Fixes:
@@ -329,14 +353,14 @@ def _fixes(log: _Log) -> Fixes:
         longitude_deg=longitude,
         height_m=height,
         sigma=np.column_stack([sigma, sigma, VERTICAL_SHARE * sigma]),
-        v_n=_velocities(log, t, np.isfinite(latitude)),
+        v_n=_velocities(log, t),
         has_fix=np.array([fix.has_fix for fix in log.fixes]),
         unread=_by_reason([fix.reason for fix in log.fixes]),
     )
 
 
-def _velocities(log: _Log, t: Array, needed: Array) -> Array | None:
-    """The velocity nearest in time to each fix; None where one that is needed has none near."""
+def _velocities(log: _Log, t: Array) -> Array | None:
+    """The velocity nearest in time to each fix, NaN where none is near; None of none at all."""
     told = log.velocities_told
     if not told:
         return None
@@ -344,10 +368,10 @@ def _velocities(log: _Log, t: Array, needed: Array) -> Array | None:
     order = np.argsort(log.t[time], kind="stable")
     stamps = log.t[time][order]
     nearest = _nearest(stamps, t)
-    if np.any(np.abs(stamps[nearest] - t)[needed] > SAME_EPOCH_S):
-        return None
     k = order[nearest]
-    return np.column_stack([speed * np.cos(course), speed * np.sin(course), 0.0 * speed])[k]
+    v_n = np.column_stack([speed * np.cos(course), speed * np.sin(course), 0.0 * speed])[k]
+    near = np.abs(stamps[nearest] - t) <= SAME_EPOCH_S
+    return np.where(near[:, None], v_n, np.nan)
 
 
 def _nearest(stamps: Array, t: Array) -> IntArray:

@@ -30,7 +30,9 @@ def gga(time: str, quality: int = 4, minutes: float = 30.0, hdop: float = 1.0) -
     return sentence(f"GPGGA,{time},{place},{quality},12,{hdop},5.0,M,48.0,M,,")
 
 
-def rmc(time: str, date: str, status: str = "A", speed: float = 2.0, course: float = 90.0) -> str:
+def rmc(
+    time: str, date: str, status: str = "A", speed: float = 2.0, course: float | str = 90.0
+) -> str:
     place = "4530.00000,N,00315.00000,W"
     return sentence(f"GPRMC,{time},{status},{place},{speed},{course},{date},,,A")
 
@@ -83,6 +85,40 @@ def test_vtg_is_finer_and_a_heading_makes_a_speed_sensor(tmp_path: Path) -> None
     np.testing.assert_allclose(np.degrees(heading.heading), 60.0)
     np.testing.assert_allclose(speed.v_d, np.tile([np.sqrt(3), 1, 0], (3, 1)), atol=1e-12)
     assert fixes_of(read).v_n is None, "the velocity is used once"
+
+
+def slow_log(folder: Path, speed: float, *, compass: bool = False) -> Mission:
+    """Ten seconds, four of which state a speed (knots) and no course."""
+    lines = []
+    for k in range(10):
+        slow = 3 <= k < 7
+        stated = {"speed": speed, "course": ""} if slow else {}
+        lines += [rmc(f"12000{k}.0", "010224", **stated), gga(f"12000{k}.0", minutes=30.0 + k)]
+        lines += [hdt(90.0)] * compass
+    return log(folder, *lines)
+
+
+def test_what_is_too_slow_for_a_course_rests(tmp_path: Path) -> None:
+    v_n = fixes_of(slow_log(tmp_path, 0.05)).v_n
+    assert v_n is not None
+    np.testing.assert_allclose(v_n[3:7], 0.0)
+    np.testing.assert_allclose(v_n[[0, 2, 7, 9], 1], 2 * KNOT_M_S)
+
+
+def test_fixes_without_a_velocity_near_cost_the_others_theirs_and_it_is_said(
+    tmp_path: Path,
+) -> None:
+    read = slow_log(tmp_path, 1.0)
+    assert len(fixes_of(read)) == 10
+    assert fixes_of(read).v_n is None
+    assert any("2 of 10 fixes have none within 1 s" in w for w in read.warnings)
+
+
+def test_a_speed_sensor_keeps_the_velocities_that_there_are(tmp_path: Path) -> None:
+    read = slow_log(tmp_path, 1.0, compass=True)
+    np.testing.assert_allclose(read.sensors["speed"].series.t, [0, 1, 2, 3, 6, 7, 8, 9])
+    dropped = Counter((r.sensor, r.reason) for r in read.rejections)
+    assert dropped == {("speed", "no velocity near"): 2}
 
 
 def test_times_pass_midnight_whichever_sentence_comes_first(tmp_path: Path) -> None:
