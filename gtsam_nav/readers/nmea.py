@@ -19,11 +19,8 @@ the vessel by. It is turned by that same heading: the two cannot check each othe
 
 from __future__ import annotations
 
-import re
-from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +31,7 @@ from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.preprocess.cleaning import tidy
 from gtsam_nav.readers._clock import on_mission_time
 from gtsam_nav.readers._gnss import Fixes
+from gtsam_nav.readers._nmea_sentences import KINDS, SENTENCE, SentenceLog
 from gtsam_nav.readers._text import first_lines, said_of_end, stream_lines
 from gtsam_nav.sensors.noise import GnssNoise, HeadingNoise
 from gtsam_nav.series import BoolArray, DvlSeries, HeadingSeries, IntArray, Series
@@ -42,26 +40,14 @@ from gtsam_nav.solution import Progress, no_progress
 NAME = "NMEA 0183 log"
 EXPECTS = "a text file with $..GGA, $..RMC, $..VTG or $..HDT sentences, plain, .gz or .bz2"
 
-SENTENCE = re.compile(
-    r"\$(?P<body>[A-Z]{2}(?P<kind>[A-Z]{3}),[^*$]*)(?:\*(?P<sum>[0-9A-Fa-f]{2}))?\s*$"
-)
-KINDS = ("GGA", "RMC", "VTG", "HDT")
 LINES_TO_KNOW_IT_BY = 50
 
-DAY_S = 86400.0
-KNOT_M_S = 1852.0 / 3600.0
-KM_H_M_S = 1.0 / 3.6
 SAME_EPOCH_S = 1.0
 """A velocity goes with a fix that is no further away in time."""
-SLOW_M_S = GnssNoise().sigma_velocity_m_s
-"""Receivers leave the course of what is as slow empty: it is at rest, for all that they know."""
 
-SIGMA_BY_QUALITY_M = {1: GnssNoise().sigma_horizontal_m, 2: 0.6, 3: 0.6, 4: 0.02, 5: 0.3}
-"""Horizontal sigma at HDOP 1: stand-alone, differential, PPS, RTK fixed and RTK float."""
 VERTICAL_SHARE = GnssNoise().sigma_vertical_m / GnssNoise().sigma_horizontal_m
 
 NO_TIME = "before the first time of day"
-BAD_CHECKSUM, NO_CHECKSUM, MALFORMED = "wrong checksum", "no checksum", "malformed sentence"
 
 
 def can_open(path: Path) -> bool:
@@ -78,7 +64,7 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
     DataError
         Where no sentence tells a position or a heading.
     """
-    log, line = _Log(), ""
+    log, line = SentenceLog(), ""
     for k, (line, fraction) in enumerate(stream_lines(path, whole=False)):
         if k % 5000 == 0:
             progress("read mission", fraction)
@@ -100,177 +86,9 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
     return on_mission_time(mission, dict.fromkeys(("gnss", "speed", "heading"), 0.0))
 
 
-@dataclass
-class _Fix:
-    """A GGA, or an RMC's position; NaN where it is none, and why."""
-
-    time: int
-    values: tuple[float, float, float] = (np.nan, np.nan, np.nan)
-    sigma_m: float = np.nan
-    reason: str = ""
-    has_fix: bool = True
-
-
-@dataclass
-class _Log:
-    """What the sentences say, in their order; ``time`` counts in ``clock``."""
-
-    clock: list[tuple[float, float | None]] = field(default_factory=list)
-    """Time of day (s) and, from RMC, the POSIX time of the day's start."""
-    fixes: list[_Fix] = field(default_factory=list)
-    rmc_fixes: list[_Fix] = field(default_factory=list)
-    velocities: dict[str, list[tuple[int, float, float]]] = field(
-        default_factory=lambda: {"VTG": [], "RMC": []}
-    )
-    """Time, speed (m/s) and course (rad)."""
-    headings: list[tuple[int, float, str]] = field(default_factory=list)
-    """Time, heading (rad) and why it is none."""
-    others: Counter[str] = field(default_factory=Counter)
-    garbled: int = 0
-    unsummed: int = 0
-    summed: int = 0
-    t: Array = field(default_factory=lambda: np.empty(0))
-    zero_s: float = 0.0
-    dated: bool = False
-
-    def add(self, line: str) -> None:
-        """One line."""
-        match = SENTENCE.search(line)
-        if match is None:
-            self.garbled += bool(line.strip())
-            return
-        kind, body = match["kind"], match["body"]
-        if kind not in KINDS:
-            self.others[kind] += 1
-            return
-        reason = self._checksum_fault(body, match["sum"])
-        try:
-            if not reason:
-                getattr(self, f"_{kind.lower()}")(body.split(","))
-                return
-        except (ValueError, IndexError):
-            reason = MALFORMED
-        self._refuse(kind, reason)
-
-    def _checksum_fault(self, body: str, stated: str | None) -> str:
-        if stated is None:
-            self.unsummed += 1
-            # a line that lost its end in a log of sentences that have one
-            return NO_CHECKSUM if self.summed else ""
-        self.summed += 1
-        checksum = 0
-        for character in body:
-            checksum ^= ord(character)
-        return "" if checksum == int(stated, 16) else BAD_CHECKSUM
-
-    def _refuse(self, kind: str, reason: str) -> None:
-        if kind == "GGA":
-            self.fixes.append(_Fix(self._now, reason=reason))
-        elif kind == "HDT":
-            self.headings.append((self._now, np.nan, reason))
-        else:
-            self.garbled += 1
-
-    @property
-    def _now(self) -> int:
-        return len(self.clock) - 1
-
-    def _tick(self, text: str, day_s: float | None = None) -> int:
-        hours, minutes, seconds = int(text[:2]), int(text[2:4]), float(text[4:])
-        if not (hours < 24 and minutes < 60 and 0 <= seconds < 61):
-            raise ValueError("no time of day")
-        self.clock.append((3600.0 * hours + 60.0 * minutes + seconds, day_s))
-        return self._now
-
-    def _gga(self, f: list[str]) -> None:
-        now = self._tick(f[1])
-        quality = int(f[6] or 0)
-        if quality == 0 or not f[2]:
-            self.fixes.append(_Fix(now, has_fix=False))
-            return
-        height = float(f[9]) + float(f[11] or 0.0)
-        values = (_degrees(f[2], f[3]), _degrees(f[4], f[5]), height)
-        sigma = SIGMA_BY_QUALITY_M.get(quality, SIGMA_BY_QUALITY_M[1]) * float(f[8] or 1.0)
-        self.fixes.append(_Fix(now, values, sigma))
-
-    def _rmc(self, f: list[str]) -> None:
-        day = datetime.strptime(f[9], "%d%m%y").replace(tzinfo=UTC).timestamp() if f[9] else None
-        now = self._tick(f[1], day)
-        if f[2] != "A":
-            self.rmc_fixes.append(_Fix(now, has_fix=False))
-            return
-        values = (_degrees(f[3], f[4]), _degrees(f[5], f[6]), 0.0)
-        self.rmc_fixes.append(_Fix(now, values, SIGMA_BY_QUALITY_M[1]))
-        if f[7]:
-            self._velocity("RMC", float(f[7]) * KNOT_M_S, f[8])
-
-    def _vtg(self, f: list[str]) -> None:
-        speed = float(f[7]) * KM_H_M_S if f[7] else float(f[5]) * KNOT_M_S
-        if self._now >= 0:
-            self._velocity("VTG", speed, f[1])
-
-    def _velocity(self, kind: str, speed: float, course_deg: str) -> None:
-        if course_deg:
-            self.velocities[kind].append((self._now, speed, np.radians(float(course_deg))))
-        elif speed <= SLOW_M_S:
-            self.velocities[kind].append((self._now, 0.0, 0.0))
-
-    def _hdt(self, f: list[str]) -> None:
-        reason = "" if f[1] else "no heading"
-        heading = np.radians(float(f[1])) if f[1] else np.nan
-        self.headings.append((self._now, heading, reason))
-
-    def put_on_dates(self) -> None:
-        """Give every time of day its day: the nearest to the one before, or RMC's own."""
-        self.fixes = self.fixes or self.rmc_fixes
-        dates = [(s, day) for s, day in self.clock if day is not None]
-        self.dated = bool(dates)
-        before = sum(dates[0]) if dates else (self.clock[0][0] if self.clock else 0.0)
-        stamps = []
-        for seconds, day in self.clock:
-            nearest = DAY_S * round((before - seconds) / DAY_S)
-            before = seconds + (nearest if day is None else day)
-            stamps.append(before)
-        self.zero_s = float(np.floor(stamps[0])) if stamps else 0.0
-        # what came before the first time has none
-        self.t = np.append(np.array(stamps) - self.zero_s, np.nan)
-
-    @property
-    def velocities_told(self) -> list[tuple[int, float, float]]:
-        """VTG's, else RMC's."""
-        return self.velocities["VTG"] or self.velocities["RMC"]
-
-    def warnings(self) -> list[str]:
-        """What was not read."""
-        found = []
-        if self.others:
-            listed = ", ".join(f"{kind} ({n})" for kind, n in self.others.most_common(6))
-            found.append(f"sentences of other kinds are left out: {listed}")
-        if self.garbled:
-            found.append(f"{self.garbled} lines are no whole sentence and left out")
-        if self.unsummed and not self.summed:
-            found.append("the sentences have no checksums: damage goes unnoticed")
-        if self.headings and self.velocities_told:
-            found.append(
-                "'speed' is turned by 'heading': how these agree says nothing of the heading; and"
-                " it is the velocity of the receiver whose fixes 'gnss' has: what is scored on"
-                " these is no independent check"
-            )
-        if not self.dated:
-            found.append("no RMC sentence tells the date: mission time has no UTC")
-        return found
-
-
-def _degrees(text: str, hemisphere: str) -> float:
-    """From dddmm.mmmm and N, S, E or W."""
-    whole, dot, _ = text.partition(".")
-    if not (dot or whole) or hemisphere not in ("N", "S", "E", "W"):
-        raise ValueError("no latitude or longitude")
-    degrees = float(text[: len(whole) - 2]) + float(text[len(whole) - 2 :]) / 60.0
-    return -degrees if hemisphere in ("S", "W") else degrees
-
-
-def _sensors(log: _Log) -> tuple[Origin | None, dict[str, Sensor], list[Rejection], list[str]]:
+def _sensors(
+    log: SentenceLog,
+) -> tuple[Origin | None, dict[str, Sensor], list[Rejection], list[str]]:
     found: dict[str, Series | None] = {}
     rejections: list[Rejection] = []
     told: list[str] = []
@@ -298,7 +116,7 @@ def _sensors(log: _Log) -> tuple[Origin | None, dict[str, Sensor], list[Rejectio
     return origin, sensors, rejections, told
 
 
-def _headings(log: _Log) -> tuple[HeadingSeries | None, list[Rejection]]:
+def _headings(log: SentenceLog) -> tuple[HeadingSeries | None, list[Rejection]]:
     time, heading, reasons = zip(*log.headings, strict=True)
     t = log.t[list(time)]
     sigma = np.full(len(t), np.radians(HeadingNoise().sigma_deg))
@@ -343,7 +161,7 @@ def _all_or_no_velocities(fixes: Fixes) -> tuple[Fixes, list[str]]:
     return replace(fixes, v_n=None), [told]
 
 
-def _fixes(log: _Log) -> Fixes:
+def _fixes(log: SentenceLog) -> Fixes:
     latitude, longitude, height = np.array([fix.values for fix in log.fixes]).T
     sigma = np.array([fix.sigma_m for fix in log.fixes])
     t = log.t[[fix.time for fix in log.fixes]]
@@ -359,7 +177,7 @@ def _fixes(log: _Log) -> Fixes:
     )
 
 
-def _velocities(log: _Log, t: Array) -> Array | None:
+def _velocities(log: SentenceLog, t: Array) -> Array | None:
     """The velocity nearest in time to each fix, NaN where none is near; None of none at all."""
     told = log.velocities_told
     if not told:
