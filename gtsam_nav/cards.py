@@ -21,6 +21,7 @@ from pydantic import (
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, rotation_from_rpy
 from gtsam_nav.mission import Constraints
+from gtsam_nav.preprocess.repeats import MEASURED
 from gtsam_nav.sensors.noise import G_M_S2, NOISE_MODELS, figure_names
 from gtsam_nav.series import SERIES_TYPES
 from gtsam_nav.settings import Settings, first_fault, in_words
@@ -140,6 +141,15 @@ class SensorCard(Described):
         stated = [key for key in ("gyro_unit", "accel_unit") if key in self.model_fields_set]
         if stated and self.type != "imu":
             raise ValueError(f"{stated[0]} is of an imu; a {self.type} has columns to scale")
+        return self
+
+    @model_validator(mode="after")
+    def _repeats_are_of_measurements(self) -> SensorCard:
+        kinds = [series.TYPE for series in MEASURED]
+        if self.drop_repeats and self.type not in kinds:
+            raise ValueError(
+                f"drop_repeats is of: {', '.join(kinds)}; samples of {self.type} may well be equal"
+            )
         return self
 
     @classmethod

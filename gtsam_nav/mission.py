@@ -130,6 +130,10 @@ class Relations:
     t: Array
     q: Array
 
+    def shift(self, offset_s: float) -> Relations:
+        """The same relations with an offset added to their times."""
+        return replace(self, t=self.t + offset_s)
+
 
 @dataclass(frozen=True)
 class Opening:

@@ -69,3 +69,9 @@ def test_a_mounting_beyond_any_vehicle_is_refused(tmp_path: Path, far_m: str, sa
 
 def test_the_longest_vehicle_may_carry_a_sensor_at_its_end() -> None:
     assert SensorCard(type="dvl", xyz_m=(-1000.0, 0.0, 1000.0)).xyz_m == (-1000.0, 0.0, 1000.0)
+
+
+def test_repeats_of_what_repeats_by_itself_are_kept() -> None:
+    assert SensorCard(type="dvl", drop_repeats=True).drop_repeats
+    with pytest.raises(ValueError, match="drop_repeats is of: imu, dvl, gnss, heading, attitude;"):
+        SensorCard(type="odometry", drop_repeats=True)

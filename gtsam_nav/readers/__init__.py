@@ -4,10 +4,13 @@ A format's module has ``NAME``, ``EXPECTS`` (what it looks for, for the message 
 reader knows), ``can_open(path) -> bool`` and ``read(path, progress) -> Mission``. One whose files
 do not say which stream is which sensor also takes ``read(path, progress, card)``, the card being a
 YAML file with a section ``mission``, and lists its streams by ``describe(path, card) -> Contents``.
+One whose files hold no sigmas of some sensors has the types of these, by name, in ``BY_FIGURES``
+and takes ``read(path, progress, figures)``.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -15,6 +18,7 @@ from typing import TYPE_CHECKING, Protocol, cast, runtime_checkable
 
 from gtsam_nav.errors import ConfigError, DataError
 from gtsam_nav.mission import Mission, Opening
+from gtsam_nav.readers._figures import NO_FIGURES, Figures
 from gtsam_nav.solution import Progress, no_progress
 
 if TYPE_CHECKING:
@@ -47,6 +51,19 @@ class DescribingReader(Protocol):
 
     def describe(self, path: Path, card: Path | None = None) -> Contents:
         """List the streams, and a card for them."""
+
+
+@runtime_checkable
+class FigureReader(Protocol):
+    """A reader of single files that hold no sigmas, or not all: noise figures stand for these."""
+
+    NAME: str
+    BY_FIGURES: Mapping[str, str]
+
+    def read(
+        self, path: Path, progress: Progress = no_progress, figures: Figures = NO_FIGURES
+    ) -> Mission:
+        """Read the mission by the figures that a card states."""
 
 
 _READERS = (
@@ -102,9 +119,15 @@ def open_mission(
     if isinstance(reader, DescribingReader):
         return replace(reader.read(place, progress, Path(card)), opening=opening)
     if place.is_file():
-        from gtsam_nav.readers._file_card import with_card
+        from gtsam_nav.readers._file_card import read_file_card, with_card
 
-        return replace(with_card(reader.read(place, progress), Path(card)), opening=opening)
+        stated = read_file_card(Path(card))
+        mission = (
+            reader.read(place, progress, stated.figures(reader.BY_FIGURES))
+            if isinstance(reader, FigureReader)
+            else reader.read(place, progress)
+        )
+        return replace(with_card(mission, stated, Path(card)), opening=opening)
     takers = ", ".join(r.NAME for r in readers() if isinstance(r, DescribingReader))
     raise ConfigError(
         f"{card}: the section 'mission' is for a {takers} and for single files; {place} is a"

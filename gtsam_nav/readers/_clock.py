@@ -70,7 +70,8 @@ def _shifted(mission: Mission, offsets_s: Mapping[str, float]) -> Mission:
             rejections += _rejections(sensor, t, ~apart, "duplicate stamp")
             series, t = series.select(apart), t[apart]
         sensors[name] = replace(sensor, series=replace(series, t=t))
-    return replace(mission, sensors=sensors, rejections=tuple(rejections))
+    relations = mission.relations and mission.relations.shift(offsets_s[mission.relations.sensor])
+    return replace(mission, sensors=sensors, relations=relations, rejections=tuple(rejections))
 
 
 def _rejections(sensor: Sensor, t: Array, dropped: BoolArray, reason: str) -> list[Rejection]:

@@ -23,8 +23,8 @@ KM_H_M_S = 1.0 / 3.6
 SLOW_M_S = GnssNoise().sigma_velocity_m_s
 """Receivers leave the course of what is as slow empty: it is at rest, for all that they know."""
 
-SIGMA_BY_QUALITY_M = {1: GnssNoise().sigma_horizontal_m, 2: 0.6, 3: 0.6, 4: 0.02, 5: 0.3}
-"""Horizontal sigma at HDOP 1: stand-alone, differential, PPS, RTK fixed and RTK float."""
+STAND_ALONE = 1
+"""Quality of a fix of which nothing better is said."""
 BAD_CHECKSUM, NO_CHECKSUM, MALFORMED = "wrong checksum", "no checksum", "malformed sentence"
 
 
@@ -34,7 +34,8 @@ class SentenceFix:
 
     time: int
     values: tuple[float, float, float] = (np.nan, np.nan, np.nan)
-    sigma_m: float = np.nan
+    quality: int = STAND_ALONE
+    hdop: float = np.nan
     reason: str = ""
     has_fix: bool = True
 
@@ -118,8 +119,7 @@ class SentenceLog:
             return
         height = float(f[9]) + float(f[11] or 0.0)
         values = (_degrees(f[2], f[3]), _degrees(f[4], f[5]), height)
-        sigma = SIGMA_BY_QUALITY_M.get(quality, SIGMA_BY_QUALITY_M[1]) * float(f[8] or 1.0)
-        self.fixes.append(SentenceFix(now, values, sigma))
+        self.fixes.append(SentenceFix(now, values, quality, float(f[8] or 1.0)))
 
     def _rmc(self, f: list[str]) -> None:
         day = datetime.strptime(f[9], "%d%m%y").replace(tzinfo=UTC).timestamp() if f[9] else None
@@ -128,7 +128,7 @@ class SentenceLog:
             self.rmc_fixes.append(SentenceFix(now, has_fix=False))
             return
         values = (_degrees(f[3], f[4]), _degrees(f[5], f[6]), 0.0)
-        self.rmc_fixes.append(SentenceFix(now, values, SIGMA_BY_QUALITY_M[1]))
+        self.rmc_fixes.append(SentenceFix(now, values, STAND_ALONE, 1.0))
         if f[7]:
             self._velocity("RMC", float(f[7]) * KNOT_M_S, f[8])
 

@@ -28,6 +28,7 @@ from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.preprocess.cleaning import screen, tidy
 from gtsam_nav.readers._carmen_relations import ENDING, read_relations
 from gtsam_nav.readers._clock import on_mission_time
+from gtsam_nav.readers._figures import NO_FIGURES, Figures
 from gtsam_nav.readers._odometry import speeds_between
 from gtsam_nav.readers._text import TRUNCATED, first_lines, said_of_end, stream_lines
 from gtsam_nav.sensors.noise import OdometryNoise
@@ -36,6 +37,7 @@ from gtsam_nav.solution import Progress, no_progress
 
 NAME = "CARMEN log"
 EXPECTS = "a text file (.clf, .log, .txt; plain, .gz or .bz2) with FLASER and ODOM lines"
+BY_FIGURES = {"odometry": "odometry"}
 
 LINES_TO_KNOW_IT_BY = 400
 LINE = re.compile(r"(FLASER \d+( [\d.]+){2}|ODOM( -?[\d.eE+-]+){6} )")
@@ -57,7 +59,7 @@ def can_open(path: Path) -> bool:
     return any(LINE.match(line) for line in first_lines(path, LINES_TO_KNOW_IT_BY))
 
 
-def read(path: Path, progress: Progress = no_progress) -> Mission:
+def read(path: Path, progress: Progress = no_progress, figures: Figures = NO_FIGURES) -> Mission:
     """Read a log.
 
     Raises
@@ -73,8 +75,9 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
     progress("read mission", 1.0)
     if log.last_is_bad:
         log.cut()
+    noise = OdometryNoise.model_validate(figures.get("odometry", {}))
     scans, scan_rejections = log.scan_series()
-    odometry, odometry_rejections = log.odometry_series()
+    odometry, odometry_rejections = log.odometry_series(noise)
     sensors: dict[str, Sensor] = {}
     if odometry is not None:
         sensors["odometry"] = Sensor("odometry", "odometry", odometry)
@@ -212,7 +215,9 @@ class _Log:
         series = ScanSeries(t=t[kept], row=kept, first=first, points_b=np.concatenate(picked))
         return series, rejections
 
-    def odometry_series(self) -> tuple[OdometrySeries | None, list[Rejection]]:
+    def odometry_series(
+        self, noise: OdometryNoise
+    ) -> tuple[OdometrySeries | None, list[Rejection]]:
         """Speeds between the poses of ODOM lines, else those of FLASER lines."""
         kind = self.odom if self.odom.t else self.laser
         t, poses = np.array(kind.t), np.array(kind.poses).reshape(-1, 3)
@@ -223,7 +228,6 @@ class _Log:
         if len(kept) < 2:
             return None, rejections
         middle, v_b, yaw_rate = speeds_between(t[kept], poses[kept])
-        noise = OdometryNoise()
         columns = {
             "t": middle,
             "v_b": v_b,

@@ -8,8 +8,8 @@ HDT         true heading of two antennas
 ==========  ====================================================================================
 
 Sentences without a time of their own (VTG, HDT) are those of the last one that has one. The date
-is RMC's; times that pass midnight belong to the next day. A sigma is that of the fix's quality
-times HDOP.
+is RMC's; times that pass midnight belong to the next day. A sigma is that of the fix's quality,
+or the figure that a card states, times HDOP.
 
 The velocity, whose vertical component no sentence tells and which is zero for what floats, goes
 with the fixes if all of them have one. Where HDT tells the heading it becomes a sensor of its own
@@ -30,22 +30,28 @@ from gtsam_nav.frames import Array, Origin
 from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.preprocess.cleaning import tidy
 from gtsam_nav.readers._clock import on_mission_time
+from gtsam_nav.readers._figures import NO_FIGURES, Figures
 from gtsam_nav.readers._gnss import Fixes
-from gtsam_nav.readers._nmea_sentences import KINDS, SENTENCE, SentenceLog
+from gtsam_nav.readers._nmea_sentences import KINDS, SENTENCE, STAND_ALONE, SentenceLog
 from gtsam_nav.readers._text import first_lines, said_of_end, stream_lines
-from gtsam_nav.sensors.noise import GnssNoise, HeadingNoise
+from gtsam_nav.sensors.noise import DvlNoise, GnssNoise, HeadingNoise
 from gtsam_nav.series import BoolArray, DvlSeries, HeadingSeries, IntArray, Series
 from gtsam_nav.solution import Progress, no_progress
 
 NAME = "NMEA 0183 log"
 EXPECTS = "a text file with $..GGA, $..RMC, $..VTG or $..HDT sentences, plain, .gz or .bz2"
+BY_FIGURES = {"gnss": "gnss", "speed": "dvl", "heading": "heading"}
 
 LINES_TO_KNOW_IT_BY = 50
 
 SAME_EPOCH_S = 1.0
 """A velocity goes with a fix that is no further away in time."""
 
+SIGMA_BY_QUALITY_M = {STAND_ALONE: GnssNoise().sigma_horizontal_m, 2: 0.6, 3: 0.6, 4: 0.02, 5: 0.3}
+"""Horizontal sigma at HDOP 1: stand-alone, differential, PPS, RTK fixed and RTK float."""
 VERTICAL_SHARE = GnssNoise().sigma_vertical_m / GnssNoise().sigma_horizontal_m
+SPEED_FIGURES = {"sigma_m_s": GnssNoise().sigma_velocity_m_s, "max_speed_m_s": np.inf}
+"""Of a velocity that is a receiver's."""
 
 NO_TIME = "before the first time of day"
 
@@ -56,7 +62,7 @@ def can_open(path: Path) -> bool:
     return any(match is not None and match["kind"] in KINDS for match in found)
 
 
-def read(path: Path, progress: Progress = no_progress) -> Mission:
+def read(path: Path, progress: Progress = no_progress, figures: Figures = NO_FIGURES) -> Mission:
     """Read a log.
 
     Raises
@@ -73,7 +79,7 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
     if not (log.fixes or log.rmc_fixes or log.headings):
         raise DataError("no GGA or RMC sentence with a position, and no HDT with a heading", path)
     log.put_on_dates()
-    origin, sensors, rejections, told = _sensors(log)
+    origin, sensors, rejections, told = _sensors(log, figures)
     mission = Mission(
         name=path.name.removesuffix(".gz").removesuffix(".bz2").removesuffix(".txt"),
         sensors=sensors,
@@ -83,49 +89,58 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
         warnings=(*log.warnings(), *told, *said_of_end(line)),
         sources=(path,),
     )
-    return on_mission_time(mission, dict.fromkeys(("gnss", "speed", "heading"), 0.0))
+    return on_mission_time(mission, dict.fromkeys(BY_FIGURES, 0.0))
 
 
 def _sensors(
-    log: SentenceLog,
+    log: SentenceLog, figures: Figures
 ) -> tuple[Origin | None, dict[str, Sensor], list[Rejection], list[str]]:
     found: dict[str, Series | None] = {}
     rejections: list[Rejection] = []
     told: list[str] = []
     origin = None
     if log.headings:
-        found["heading"], dropped = _headings(log)
+        found["heading"], dropped = _headings(
+            log, HeadingNoise.model_validate(figures.get("heading", {}))
+        )
         rejections += dropped
     heading = found.get("heading")
     if log.fixes:
-        fixes = _fixes(log)
+        fixes = _fixes(log, GnssNoise.model_validate(figures.get("gnss", {})))
         origin = fixes.first_usable()
         if isinstance(heading, HeadingSeries) and fixes.v_n is not None:
-            found["speed"], dropped = _speed(fixes, heading)
+            found["speed"], dropped = _speed(
+                fixes,
+                heading,
+                DvlNoise.model_validate({**SPEED_FIGURES, **figures.get("speed", {})}),
+            )
             rejections += dropped
             fixes = replace(fixes, v_n=None)
         fixes, told = _all_or_no_velocities(fixes)
         found["gnss"], dropped = fixes.series("gnss", origin or Origin(0.0, 0.0))
         rejections += dropped
-    kinds = {"gnss": "gnss", "speed": "dvl", "heading": "heading"}
     sensors = {
         name: Sensor(name, kind, series)
-        for name, kind in kinds.items()
+        for name, kind in BY_FIGURES.items()
         if (series := found.get(name)) is not None
     }
     return origin, sensors, rejections, told
 
 
-def _headings(log: SentenceLog) -> tuple[HeadingSeries | None, list[Rejection]]:
+def _headings(
+    log: SentenceLog, noise: HeadingNoise
+) -> tuple[HeadingSeries | None, list[Rejection]]:
     time, heading, reasons = zip(*log.headings, strict=True)
     t = log.t[list(time)]
-    sigma = np.full(len(t), np.radians(HeadingNoise().sigma_deg))
+    sigma = np.full(len(t), np.radians(noise.sigma_deg))
     columns = {"t": t, "heading": np.array(heading), "sigma": sigma}
     refused = {NO_TIME: ~np.isfinite(t), **_by_reason(reasons)}
     return tidy(HeadingSeries, "heading", columns, refused=refused)
 
 
-def _speed(fixes: Fixes, heading: HeadingSeries) -> tuple[DvlSeries | None, list[Rejection]]:
+def _speed(
+    fixes: Fixes, heading: HeadingSeries, noise: DvlNoise
+) -> tuple[DvlSeries | None, list[Rejection]]:
     """The velocities of the fixes along the vessel's axes."""
     assert fixes.v_n is not None
     located = np.isfinite(fixes.latitude_deg)
@@ -137,13 +152,13 @@ def _speed(fixes: Fixes, heading: HeadingSeries) -> tuple[DvlSeries | None, list
         "v_d": np.column_stack(
             [c * v_n[:, 0] + s * v_n[:, 1], c * v_n[:, 1] - s * v_n[:, 0], v_n[:, 2]]
         ),
-        "sigma": np.full(len(t), GnssNoise().sigma_velocity_m_s),
+        "sigma": np.full(len(t), noise.sigma_m_s),
         "valid": np.ones(len(t)),
         "bottom_lock": np.ones(len(t)),
     }
     apart = np.abs(t - heading.t[_nearest(heading.t, t)]) > SAME_EPOCH_S
     refused = {"no velocity near": np.isnan(v_n[:, 0]), "no heading near": apart}
-    return tidy(DvlSeries, "speed", columns, refused=refused)
+    return tidy(DvlSeries, "speed", columns, refused=refused, max_speed_m_s=noise.max_speed_m_s)
 
 
 def _all_or_no_velocities(fixes: Fixes) -> tuple[Fixes, list[str]]:
@@ -161,20 +176,33 @@ def _all_or_no_velocities(fixes: Fixes) -> tuple[Fixes, list[str]]:
     return replace(fixes, v_n=None), [told]
 
 
-def _fixes(log: SentenceLog) -> Fixes:
+def _fixes(log: SentenceLog, noise: GnssNoise) -> Fixes:
     latitude, longitude, height = np.array([fix.values for fix in log.fixes]).T
-    sigma = np.array([fix.sigma_m for fix in log.fixes])
+    hdop = np.array([fix.hdop for fix in log.fixes])
+    horizontal, vertical = _sigmas([fix.quality for fix in log.fixes], noise)
     t = log.t[[fix.time for fix in log.fixes]]
     return Fixes(
         t=t,
         latitude_deg=latitude,
         longitude_deg=longitude,
         height_m=height,
-        sigma=np.column_stack([sigma, sigma, VERTICAL_SHARE * sigma]),
+        sigma=hdop[:, None] * np.column_stack([horizontal, horizontal, vertical]),
         v_n=_velocities(log, t),
         has_fix=np.array([fix.has_fix for fix in log.fixes]),
         unread=_by_reason([fix.reason for fix in log.fixes]),
     )
+
+
+def _sigmas(quality: Sequence[int], noise: GnssNoise) -> tuple[Array, Array]:
+    """Horizontal and vertical sigma of each fix at HDOP 1: what is stated, else by quality."""
+    stand_alone = SIGMA_BY_QUALITY_M[STAND_ALONE]
+    horizontal = np.array([SIGMA_BY_QUALITY_M.get(q, stand_alone) for q in quality])
+    if "sigma_horizontal_m" in noise.model_fields_set:
+        horizontal[:] = noise.sigma_horizontal_m
+    vertical = VERTICAL_SHARE * horizontal
+    if "sigma_vertical_m" in noise.model_fields_set:
+        vertical[:] = noise.sigma_vertical_m
+    return horizontal, vertical
 
 
 def _velocities(log: SentenceLog, t: Array) -> Array | None:

@@ -22,12 +22,13 @@ from pathlib import Path
 
 import numpy as np
 
-from gtsam_nav.cards import Card, load_card
+from gtsam_nav.cards import load_card
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import LandmarkMap, Mission, Rejection, Sensor
 from gtsam_nav.preprocess.cleaning import tidy
 from gtsam_nav.readers._clock import on_mission_time
+from gtsam_nav.readers._figures import NO_FIGURES, Figures
 from gtsam_nav.readers._mat5 import read_tables
 from gtsam_nav.readers._rows import Rows, parse_rows
 from gtsam_nav.readers._table import truncation
@@ -38,6 +39,7 @@ from gtsam_nav.solution import Progress, no_progress
 
 NAME = "Plaza"
 EXPECTS = "NAME_.mat, or NAME_DR.txt and NAME_TD.txt, named by one of them or as FOLDER/NAME"
+BY_FIGURES = {"odometry": "odometry", "landmarks": "landmarks"}
 
 MAT, DR, TD = "_.mat", "_DR.txt", "_TD.txt"
 COLUMNS: Mapping[str, tuple[str, ...]] = {
@@ -73,7 +75,7 @@ def can_open(path: Path) -> bool:
         return False
 
 
-def read(path: Path, progress: Progress = no_progress) -> Mission:
+def read(path: Path, progress: Progress = no_progress, figures: Figures = NO_FIGURES) -> Mission:
     """Read dead reckoning and ranges.
 
     Raises
@@ -83,12 +85,13 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
     """
     stem = _stem(path)
     card = load_card("plaza")
+    stated = {name: {**card.sensors[name].noise, **figures.get(name, {})} for name in BY_FIGURES}
     progress("read mission", 0.0)
     mat = stem.with_name(stem.name + MAT)
     files = _read_mat(mat) if mat.is_file() else _read_texts(stem)
     cleaned: dict[str, Cleaned] = {
-        "odometry": _odometry(files.dr, card),
-        "landmarks": _ranges(files.td, card),
+        "odometry": _odometry(files.dr, OdometryNoise.model_validate(stated["odometry"])),
+        "landmarks": _ranges(files.td, LandmarkNoise.model_validate(stated["landmarks"])),
     }
     if files.truth is not None:
         cleaned["reference"] = _truth(files.truth)
@@ -163,9 +166,8 @@ def _read_mat(path: Path) -> _Files:
     return _Files(Rows(tables["DR"]), Rows(tables["TD"]), truth, tables.get("TL"), (path,))
 
 
-def _odometry(rows: Rows, card: Card) -> Cleaned:
+def _odometry(rows: Rows, noise: OdometryNoise) -> Cleaned:
     t, distance, turn = rows.values.T
-    noise = OdometryNoise.model_validate(card.sensors["odometry"].noise)
     step = np.diff(t)
     # nobody knows when the first interval began: it is taken to be as long as the second
     step = np.concatenate([step[:1], step]) if len(step) else np.full(len(t), np.nan)
@@ -183,9 +185,8 @@ def _odometry(rows: Rows, card: Card) -> Cleaned:
     return series, rejections + truncation("odometry", len(t), rows.cut_stamp)
 
 
-def _ranges(rows: Rows, card: Card) -> Cleaned:
+def _ranges(rows: Rows, noise: LandmarkNoise) -> Cleaned:
     t, _, beacon, range_m = rows.values.T
-    noise = LandmarkNoise.model_validate(card.sensors["landmarks"].noise)
     columns = {
         "t": t,
         "id": beacon,

@@ -20,6 +20,7 @@ from gtsam_nav.errors import DataError
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.cleaning import tidy
 from gtsam_nav.readers._clock import on_mission_time
+from gtsam_nav.readers._figures import NO_FIGURES, Figures
 from gtsam_nav.readers._text import TRUNCATED, first_lines, said_of_end, stream_lines
 from gtsam_nav.sensors.noise import DvlNoise
 from gtsam_nav.series import BoolArray, DvlSeries
@@ -27,6 +28,7 @@ from gtsam_nav.solution import Progress, no_progress
 
 NAME = "Water Linked JSON"
 EXPECTS = "a text file of a Water Linked DVL's JSON reports, one a line, plain, .gz or .bz2"
+BY_FIGURES = {"dvl": "dvl"}
 
 NEEDED = ("vx", "vy", "vz", "fom", "altitude", "velocity_valid", "time")
 LINES_TO_KNOW_IT_BY = 5
@@ -38,7 +40,7 @@ def can_open(path: Path) -> bool:
     return any(_report(line) is not None for line in first_lines(path, LINES_TO_KNOW_IT_BY))
 
 
-def read(path: Path, progress: Progress = no_progress) -> Mission:
+def read(path: Path, progress: Progress = no_progress, figures: Figures = NO_FIGURES) -> Mission:
     """Read the reports.
 
     Raises
@@ -46,7 +48,7 @@ def read(path: Path, progress: Progress = no_progress) -> Mission:
     DataError
         Where no velocity is valid.
     """
-    noise = DvlNoise()
+    noise = DvlNoise.model_validate(figures.get("dvl", {}))
     rows: list[list[float]] = []
     reasons: list[str] = []
     utc: list[float] = []

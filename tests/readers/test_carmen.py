@@ -191,11 +191,22 @@ def test_a_card_mounts_the_laser(tmp_path: Path) -> None:
     assert tmp_path / "card.yaml" in read.sources
 
 
+def test_a_card_says_how_noisy_the_odometry_is(tmp_path: Path) -> None:
+    log(tmp_path, odom(0), odom(1))
+    stated = {"noise": {"sigma_v_m_s": 0.7}}
+    read = open_mission(tmp_path / "log.clf", card=card(tmp_path, odometry=stated))
+    np.testing.assert_allclose(odometry_of(read).sigma_v, 0.7)
+
+
 @pytest.mark.parametrize(
     ("sensors", "message"),
     [
         ({"lidar": {"type": "scans"}}, "no sensor 'lidar'; the choices are: odometry, scans"),
         ({"scans": {"type": "beams"}}, "'scans' is of type scans, not beams"),
+        (
+            {"odometry": {"type": "heading", "noise": {"sigma_deg": 3}}},
+            "'odometry' is of type odometry, not heading",
+        ),
         ({"scans": {"yaw_deg": 3}}, "unknown key 'yaw_deg'"),
     ],
 )

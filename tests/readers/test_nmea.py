@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Origin
@@ -119,6 +120,54 @@ def test_a_speed_sensor_keeps_the_velocities_that_there_are(tmp_path: Path) -> N
     np.testing.assert_allclose(read.sensors["speed"].series.t, [0, 1, 2, 3, 6, 7, 8, 9])
     dropped = Counter((r.sensor, r.reason) for r in read.rejections)
     assert dropped == {("speed", "no velocity near"): 2}
+
+
+def by_card(folder: Path, sensors: dict[str, object], *lines: str) -> Mission:
+    (folder / "card.yaml").write_text(yaml.safe_dump({"mission": {"sensors": sensors}}))
+    log(folder, *lines)
+    return open_mission(folder / "log.nmea", card=folder / "card.yaml")
+
+
+def test_sigmas_are_those_of_a_card(tmp_path: Path) -> None:
+    lines = [
+        *(rmc("120000.0", "010224"), gga("120000.0", hdop=2.0), hdt(60.0)),
+        *(gga("120001.0", minutes=31.0), hdt(61.0)),
+    ]
+    stated = {
+        "gnss": {"noise": {"sigma_horizontal_m": 0.5}},
+        "heading": {"noise": {"sigma_deg": 3.0}},
+        "speed": {"type": "dvl", "noise": {"sigma_m_s": 0.07}},
+    }
+    read = by_card(tmp_path, stated, *lines)
+    np.testing.assert_allclose(fixes_of(read).sigma, [[1.0, 1.0, 2.0], [0.5, 0.5, 1.0]])
+    heading, speed = read.sensors["heading"].series, read.sensors["speed"].series
+    assert isinstance(heading, HeadingSeries)
+    assert isinstance(speed, DvlSeries)
+    np.testing.assert_allclose(np.degrees(heading.sigma), 3.0)
+    np.testing.assert_allclose(speed.sigma, 0.07)
+    vertical = by_card(tmp_path, {"gnss": {"noise": {"sigma_vertical_m": 9.0}}}, *lines)
+    np.testing.assert_allclose(fixes_of(vertical).sigma, [[0.04, 0.04, 18.0], [0.02, 0.02, 9.0]])
+
+
+def test_an_offset_moves_the_zero_and_what_was_dropped(tmp_path: Path) -> None:
+    lines = []
+    for k in range(5):
+        lines += [rmc(f"12000{k}.0", "010224"), gga(f"12000{k}.0"), hdt("" if k == 3 else 60.0 + k)]
+    read = by_card(tmp_path, {"heading": {"time_offset_s": -20.0}}, *lines)
+    assert read.start_utc == datetime(2024, 2, 1, 11, 59, 40, tzinfo=UTC).timestamp()
+    np.testing.assert_allclose(read.sensors["heading"].series.t, [0.0, 1.0, 2.0, 4.0])
+    np.testing.assert_allclose(fixes_of(read).t, 20.0 + np.arange(5.0))
+    assert {r.t for r in read.rejections if r.sensor == "heading"} == {3.0}
+    assert len(read.warnings) == len({*read.warnings})
+
+
+def test_repeats_are_dropped_on_demand(tmp_path: Path) -> None:
+    lines = []
+    for k in range(6):
+        lines += [gga(f"12000{k}.0", minutes=30.0 + k), hdt(60.0 + k // 2)]
+    read = by_card(tmp_path, {"heading": {"drop_repeats": True}}, *lines)
+    np.testing.assert_allclose(read.sensors["heading"].series.t, [0.0, 2.0, 4.0])
+    assert Counter(r.reason for r in read.rejections) == {"repeats the sample before": 3}
 
 
 def test_times_pass_midnight_whichever_sentence_comes_first(tmp_path: Path) -> None:

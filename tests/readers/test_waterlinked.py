@@ -62,6 +62,16 @@ def test_the_time_of_validity_counts_where_it_is_stated(tmp_path: Path) -> None:
     assert read.start_utc == pytest.approx(1_700_000_000)
 
 
+def test_figures_of_a_card_serve_where_the_log_states_none(tmp_path: Path) -> None:
+    card = tmp_path / "card.yaml"
+    noise = "{sigma_m_s: 0.2, max_speed_m_s: 0.5}"
+    card.write_text(f"mission: {{sensors: {{dvl: {{noise: {noise}}}}}}}")
+    log(tmp_path, report(), report(100, 0.2, fom=-1), report(100, 0.9))
+    read = open_mission(tmp_path / "log.txt", card=card)
+    np.testing.assert_allclose(dvl_of(read).sigma, [0.01, 0.2])
+    assert Counter(r.reason for r in read.rejections) == {"implausible speed": 1}
+
+
 def test_everything_that_is_dropped_is_counted(tmp_path: Path) -> None:
     read = log(
         tmp_path,
