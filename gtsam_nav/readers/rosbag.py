@@ -263,6 +263,7 @@ class _Reading:
                 xyz_b=xyz_b,
                 R_bs=R_bs,
                 noise=choice.entry.noise,
+                time_offset_sigma_s=choice.entry.time_offset_sigma_s,
             )
             found[choice.name] = in_body_axes(sensor)
         self._warn_of_the_unmounted()

@@ -212,6 +212,12 @@ def test_the_card_says_that_an_accelerometer_is_in_g(tmp_path: Path) -> None:
     assert {r.reason for r in read.rejections} == {"repeats the sample before"}
 
 
+def test_the_card_says_that_a_clock_is_doubted(tmp_path: Path) -> None:
+    entry = {"topic": "/imu/data", "time_offset": {"sigma_s": 0.4, "estimate": True}}
+    read = open_mission(bag_of(tmp_path, still), card=card(tmp_path, {"imu": entry}))
+    assert read.sensors["imu"].time_offset_sigma_s == 0.4
+
+
 def test_of_two_imus_the_first_is_taken_and_said(tmp_path: Path) -> None:
     path = bag_of(tmp_path, lambda m: still(m, "/imu/a") + still(m, "/imu/b"))
     (note,) = [w for w in open_mission(path).warnings if w.startswith("without a card")]
