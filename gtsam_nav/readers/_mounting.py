@@ -1,4 +1,4 @@
-"""Headings, tilts and points of a mounted instrument as those of the body."""
+"""Headings, attitudes and points of a mounted instrument as those of the body."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ import numpy as np
 
 from gtsam_nav.frames import Array, rotation_from_rpy, rpy_from_rotation, wrap_angle
 from gtsam_nav.mission import Sensor
-from gtsam_nav.series import AttitudeSeries, HeadingSeries, ScanSeries
+from gtsam_nav.series import AttitudeSeries, HeadingSeries, ReferenceSeries, ScanSeries
 
 
 def in_body_axes(sensor: Sensor) -> Sensor:
-    """The same sensor, but what is told in the body's axes is: headings, tilts, points of scans.
+    """The same sensor, but what is told of the body's axes is of them: headings, tilts, the attitude
+    of a reference, points of scans.
 
     Parameters
     ----------
@@ -27,6 +28,9 @@ def in_body_axes(sensor: Sensor) -> Sensor:
     if isinstance(series, AttitudeSeries):
         roll, pitch = body_tilt(series.roll, series.pitch, R_bs)
         return replace(sensor, series=replace(series, roll=roll, pitch=pitch), R_bs=np.eye(3))
+    if isinstance(series, ReferenceSeries) and series.rpy is not None:
+        turned = replace(series, rpy=body_attitude(series.rpy, R_bs))
+        return replace(sensor, series=turned, R_bs=np.eye(3))
     if isinstance(series, ScanSeries):
         here = sensor.xyz_b[: series.points_b.shape[1]]
         turn = R_bs[: len(here), : len(here)]
@@ -45,9 +49,13 @@ def body_heading(heading_s: Array, R_bs: Array) -> Array:
 
 
 def body_tilt(roll_s: Array, pitch_s: Array, R_bs: Array) -> tuple[Array, Array]:
-    """Roll and pitch of the body, rad: ``R_nb = R_ns R_sb``, in which the heading has no part."""
-    if np.array_equal(R_bs, np.eye(3)):
-        return roll_s, pitch_s
-    R_ns = rotation_from_rpy(np.stack([roll_s, pitch_s, np.zeros_like(roll_s)], axis=-1))
-    rpy = rpy_from_rotation(R_ns @ R_bs.T)
+    """Roll and pitch of the body, rad, in which the heading has no part."""
+    rpy = body_attitude(np.stack([roll_s, pitch_s, np.zeros_like(roll_s)], axis=-1), R_bs)
     return rpy[..., 0], rpy[..., 1]
+
+
+def body_attitude(rpy_s: Array, R_bs: Array) -> Array:
+    """Roll, pitch and yaw of the body, rad: ``R_nb = R_ns R_sb``."""
+    if np.array_equal(R_bs, np.eye(3)):
+        return rpy_s
+    return rpy_from_rotation(rotation_from_rpy(rpy_s) @ R_bs.T)

@@ -99,7 +99,10 @@ def _as_odometry(c: Columns) -> Columns:
 
 
 def _as_reference(c: Columns) -> Columns:
-    found = {"p_n": c["p"] @ ENU_FROM_NED, "rpy": _rpy(c["q"])}
+    found = {"p_n": c["p"] @ ENU_FROM_NED}
+    # what messages are born with, throughout, is an orientation that nobody set
+    if np.any(np.nan_to_num(c["q"][:, :3])):
+        found["rpy"] = _rpy(c["q"])
     # one that is not stated throughout says nothing
     return found if np.any(np.isnan(c["sigma"])) else {**found, "sigma": c["sigma"]}
 

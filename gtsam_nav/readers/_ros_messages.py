@@ -153,11 +153,11 @@ def pose_of(m: Any) -> tuple[Any, Any]:
 
 
 def pose(m: Any, _: BagSensor) -> Sample | str:
-    """Position and orientation; one that is not set stays level and points to the east."""
+    """Position and orientation, which of one pose may well be what messages are born with."""
     pose, covariance = pose_of(m)
-    q = quaternion(pose.orientation)
-    q = (0.0, 0.0, 0.0, 1.0) if isinstance(q, str) else q
-    return {"p": xyz(pose.position), "q": q, "sigma": twist_sigma(covariance, 0, 1)}
+    q = np.array([getattr(pose.orientation, axis) for axis in "xyzw"])
+    known = q if np.any(q) else np.full(4, np.nan)
+    return {"p": xyz(pose.position), "q": known, "sigma": twist_sigma(covariance, 0, 1)}
 
 
 def pose_depth(m: Any, _: BagSensor) -> Sample | str:

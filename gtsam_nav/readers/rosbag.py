@@ -61,7 +61,7 @@ EXPECTS = "a .bag, .db3 or .mcap file, a folder of such, or a ROS 2 bag's folder
 
 UNDECODABLE = "undecodable message"
 BARE_TYPES = ("odometry", "reference")
-"""Sensors whose samples are the body's as they are: a mounting would not be read."""
+"""Sensors whose samples are the body's as they are, whatever their frame is."""
 
 
 def can_open(path: Path) -> bool:
@@ -254,7 +254,7 @@ class _Reading:
                 series, repeats = without_repeats(choice.name, series)
                 self.rejections += repeats
             R_bs, xyz_b = mounting
-            if isinstance(series, ScanSeries) or series.TYPE in BARE_TYPES:
+            if isinstance(series, ScanSeries) or _is_bare(choice):
                 R_bs, xyz_b = np.eye(3), np.zeros(3)
             sensor = Sensor(
                 choice.name,
@@ -329,6 +329,12 @@ class _Reading:
         if self.origin is None:
             self.origin = fixes.first_usable()
         return fixes.series(name, self.origin or Origin(0.0, 0.0))
+
+
+def _is_bare(choice: Choice) -> bool:
+    """Whether samples are the body's own: of a reference until a card says where it sits."""
+    stated = choice.dialect.sensor == "reference" and choice.entry.is_mounted
+    return choice.dialect.sensor in BARE_TYPES and not stated
 
 
 def _sample(choice: Choice, message: Any | None) -> Sample | str:

@@ -267,6 +267,17 @@ def test_a_range_without_its_bearing_is_rejected_where_others_have_one(tmp_path:
     assert [(r.index, r.reason) for r in mission.rejections] == [(10, "non-finite bearing")]
 
 
+def test_the_attitude_of_a_turned_reference_is_the_body_s(tmp_path: Path) -> None:
+    R_nb, R_bs = rotation_from_rpy([0.1, -0.2, 0.7]), rotation_from_rpy([0.0, 0.0, np.pi / 2])
+    rpy_deg = np.degrees(rpy_from_rotation(R_nb @ R_bs))
+    text = csv("t,n,e,d,roll_deg,pitch_deg,yaw_deg", 1, 2, 3, *rpy_deg)
+    sensor = read_one(tmp_path, "reference", text, rpy_deg=[0, 0, 90])
+    assert isinstance(sensor.series, ReferenceSeries)
+    assert sensor.series.rpy is not None
+    np.testing.assert_allclose(sensor.series.rpy, np.tile([0.1, -0.2, 0.7], (10, 1)))
+    np.testing.assert_array_equal(sensor.R_bs, np.eye(3))
+
+
 def test_a_reference_states_its_antenna_and_its_vertical(tmp_path: Path) -> None:
     text = csv("t,n,e,d,roll_deg,pitch_deg,yaw_deg,sigma", 1, 2, 3, 0, 0, 90, 0)
     sensor = read_one(tmp_path, "reference", text, xyz_m=[0, 0, -2], vertical_usable=False)

@@ -32,6 +32,7 @@ from gtsam_nav.series import (
     HeadingSeries,
     ImuSeries,
     OdometrySeries,
+    ReferenceSeries,
     ScanSeries,
     Series,
 )
@@ -216,6 +217,62 @@ def test_the_card_says_that_a_clock_is_doubted(tmp_path: Path) -> None:
     entry = {"topic": "/imu/data", "time_offset": {"sigma_s": 0.4, "estimate": True}}
     read = open_mission(bag_of(tmp_path, still), card=card(tmp_path, {"imu": entry}))
     assert read.sensors["imu"].time_offset_sigma_s == 0.4
+
+
+def truth(
+    folder: Path, quaternions: Sequence[Sequence[float]], **mounting: Any
+) -> tuple[Mission, ReferenceSeries]:
+    """Poses (w, x, y, z) of a vehicle on its way to the north at 1 m/s, beside its IMU."""
+
+    def make(m: Messages) -> list[Message]:
+        name = "geometry_msgs/msg/PoseStamped"
+        poses = [
+            m.make(
+                name,
+                header=m.header(0.1 * k),
+                pose=m.make(
+                    "geometry_msgs/msg/Pose",
+                    position=m.vector((0.0, 0.1 * k, 0.0), "geometry_msgs/msg/Point"),
+                    orientation=m.quaternion(wxyz),
+                ),
+            )
+            for k, wxyz in enumerate(quaternions)
+        ]
+        return [*still(m), *(("/truth", name, 0.1 * k, pose) for k, pose in enumerate(poses))]
+
+    sensors = {"imu": {"topic": "/imu/data"}, "reference": {"topic": "/truth", **mounting}}
+    read = open_mission(bag_of(folder, make), card=card(folder, sensors))
+    series = read.sensors["reference"].series
+    assert isinstance(series, ReferenceSeries)
+    return read, series
+
+
+BORN, UNSET = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0)
+NORTH = (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))
+
+
+@pytest.mark.parametrize("wxyz", [BORN, UNSET])
+def test_truth_whose_orientation_nobody_set_has_none(
+    tmp_path: Path, wxyz: tuple[float, ...]
+) -> None:
+    read, series = truth(tmp_path, [wxyz] * 20)
+    assert len(series) == 20
+    assert series.rpy is None
+    assert read.rejections == ()
+
+
+def test_truth_may_pass_the_orientation_that_messages_are_born_with(tmp_path: Path) -> None:
+    read, series = truth(tmp_path, [BORN, NORTH, UNSET, NORTH])
+    assert series.rpy is not None
+    np.testing.assert_allclose(np.degrees(series.rpy[:, 2]), [90.0, 0.0, 0.0], atol=1e-9)
+    assert [(r.index, r.reason) for r in read.rejections] == [(2, "non-finite rpy")]
+
+
+def test_the_card_says_how_the_truth_is_mounted(tmp_path: Path) -> None:
+    read, series = truth(tmp_path, [NORTH] * 4, rpy_deg=[0, 0, 30], xyz_m=[1, 0, 0])
+    assert series.rpy is not None
+    np.testing.assert_allclose(np.degrees(series.rpy[:, 2]), -30.0)
+    np.testing.assert_allclose(read.sensors["reference"].xyz_b, [1, 0, 0])
 
 
 def test_of_two_imus_the_first_is_taken_and_said(tmp_path: Path) -> None:
