@@ -4,12 +4,13 @@
 firmware also states ``time_of_validity`` in microseconds of UTC, which then counts. Velocities are
 along the instrument's axes, forward, starboard, down; ``fom``, the figure of merit, is their sigma;
 an altitude of -1 is none. Clients that poll write the same report again: repetitions are no samples
-and take no time.
+and take no time. A damaged report takes the time that it still tells, else as long as most.
 """
 
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,7 @@ BY_FIGURES = {"dvl": "dvl"}
 
 NEEDED = ("vx", "vy", "vz", "fom", "altitude", "velocity_valid", "time")
 LINES_TO_KNOW_IT_BY = 5
+TIME = re.compile(r'"time"\s*:\s*(\d+(?:\.\d+)?)\s*[,}]')
 REPEATED, MALFORMED = "repeated report", "malformed report"
 
 
@@ -52,7 +54,6 @@ def read(path: Path, progress: Progress = no_progress, figures: Figures = NO_FIG
     rows: list[list[float]] = []
     reasons: list[str] = []
     utc: list[float] = []
-    clock_s = 0.0
     before = line = ""
     last = False
     for line, fraction in stream_lines(path, whole=False):
@@ -68,11 +69,11 @@ def read(path: Path, progress: Progress = no_progress, figures: Figures = NO_FIG
         else:
             reason = REPEATED if line == before else ""
         if report is None or reason:
-            rows.append([clock_s, *[np.nan] * 4, 0.0, np.nan])
+            interval_ms = 0.0 if report else _damaged_interval_ms(line)
+            rows.append([interval_ms, *[np.nan] * 4, 0.0, np.nan])
             utc.append(np.nan)
         else:
-            clock_s += 1e-3 * report["time"]
-            rows.append([clock_s, *_numbers(report, noise)])
+            rows.append([report["time"], *_numbers(report, noise)])
             utc.append(1e-6 * report.get("time_of_validity", np.nan))
         reasons.append(reason)
         before = line
@@ -85,10 +86,13 @@ def read(path: Path, progress: Progress = no_progress, figures: Figures = NO_FIG
 def _mission(
     path: Path, rows: list[list[float]], reasons: list[str], utc: list[float], noise: DvlNoise
 ) -> Mission:
-    t, vx, vy, vz, sigma, valid, altitude_m = np.array(rows).reshape(-1, 7).T
+    interval_ms, vx, vy, vz, sigma, valid, altitude_m = np.array(rows).reshape(-1, 7).T
+    reported = np.array(reasons) == ""
+    told = np.isfinite(interval_ms)
+    usual_ms = np.median(interval_ms[reported & told]) if np.any(reported & told) else 0.0
+    t = 1e-3 * np.cumsum(np.where(told, interval_ms, usual_ms))
     # the reports' own UTC, where all of them state it
     stamps = np.array(utc)
-    reported = np.array(reasons) == ""
     dated = bool(np.any(reported)) and bool(np.all(np.isfinite(stamps[reported])))
     columns = {
         "t": stamps if dated else t,
@@ -135,6 +139,13 @@ def _is_other_report(line: str) -> bool:
     except (ValueError, RecursionError):
         return False
     return isinstance(report, dict) and "vx" not in report
+
+
+def _damaged_interval_ms(line: str) -> float:
+    """What a damaged report tells of its time; NaN where that is lost, zero of what is no report."""
+    if told := TIME.search(line):
+        return float(told[1])
+    return np.nan if any(f'"{key}"' in line for key in NEEDED) else 0.0
 
 
 def _numbers(report: dict[str, Any], noise: DvlNoise) -> list[float]:
