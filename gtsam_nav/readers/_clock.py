@@ -11,6 +11,7 @@ import numpy as np
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission, Rejection, Sensor
+from gtsam_nav.pose_edges import EDGES
 from gtsam_nav.preprocess.cleaning import CLOCK_JUMP_S, main_stretch
 from gtsam_nav.series import BoolArray
 
@@ -32,7 +33,8 @@ def on_mission_time(mission: Mission, offsets_s: Mapping[str, float]) -> Mission
     mission : Mission
         ``start_utc`` is the POSIX time of stamp zero, or None.
     offsets_s : mapping of str to float
-        ``time_offset_s`` of every sensor that the mission names, those left out included.
+        ``time_offset_s`` of every sensor that the mission names, those left out included, and that
+        of ``edges``, zero where it is not there.
 
     Raises
     ------
@@ -44,7 +46,7 @@ def on_mission_time(mission: Mission, offsets_s: Mapping[str, float]) -> Mission
         raise DataError(f"mission '{mission.name}' has no usable sensor. {_why_not(mission)}")
     first = [float(s.series.t[0]) for s in mission.sensors.values()]
     zero = min(first if mission.edges is None else [*first, mission.edges.span_s[0]])
-    mission = _shifted(mission, dict.fromkeys(offsets_s, -zero))
+    mission = _shifted(mission, dict.fromkeys([*offsets_s, EDGES], -zero))
     warnings = (
         *mission.warnings,
         *_warnings_of(mission.sensors.values()),
@@ -53,12 +55,11 @@ def on_mission_time(mission: Mission, offsets_s: Mapping[str, float]) -> Mission
     for warning in warnings:
         log.warning("%s: %s", mission.name, warning)
     start_utc = None if mission.start_utc is None else mission.start_utc + zero
-    edges = mission.edges and mission.edges.shift(-zero)
-    return replace(mission, start_utc=start_utc, edges=edges, warnings=warnings)
+    return replace(mission, start_utc=start_utc, warnings=warnings)
 
 
 def _shifted(mission: Mission, offsets_s: Mapping[str, float]) -> Mission:
-    """A copy whose samples and rejections are moved in time, sensor by sensor."""
+    """A copy whose samples, edges and rejections are moved in time, sensor by sensor."""
     sensors: dict[str, Sensor] = {}
     rejections = [replace(r, t=r.t + offsets_s[r.sensor]) for r in mission.rejections]
     for name, sensor in mission.sensors.items():
@@ -70,8 +71,15 @@ def _shifted(mission: Mission, offsets_s: Mapping[str, float]) -> Mission:
             rejections += _rejections(sensor, t, ~apart, "duplicate stamp")
             series, t = series.select(apart), t[apart]
         sensors[name] = replace(sensor, series=replace(series, t=t))
+    edges = mission.edges and mission.edges.shift(offsets_s.get(EDGES, 0.0))
     relations = mission.relations and mission.relations.shift(offsets_s[mission.relations.sensor])
-    return replace(mission, sensors=sensors, relations=relations, rejections=tuple(rejections))
+    return replace(
+        mission,
+        sensors=sensors,
+        edges=edges,
+        relations=relations,
+        rejections=tuple(rejections),
+    )
 
 
 def _rejections(sensor: Sensor, t: Array, dropped: BoolArray, reason: str) -> list[Rejection]:

@@ -17,7 +17,7 @@ from gtsam_nav.mission import Rejection
 from gtsam_nav.pose_edges import EDGES, PoseEdges
 from gtsam_nav.readers._edges import NOT_FINITE, ONTO_ITSELF
 from gtsam_nav.readers._matrices import definite, symmetric, turn_first, upper_triangle
-from gtsam_nav.readers._table import read_table
+from gtsam_nav.readers._table import STAMPS, read_table
 
 
 def _covariances(axes: str) -> tuple[str, ...]:
@@ -36,15 +36,21 @@ MORE_IN_SPACE = (
 )
 
 
-def read_edges(path: Path) -> tuple[PoseEdges | None, list[Rejection]]:
+def read_edges(path: Path, stamp_s: float) -> tuple[PoseEdges | None, list[Rejection]]:
     """The edges that a mission folder holds, and those of the file's that are none.
+
+    Parameters
+    ----------
+    path : Path
+    stamp_s : float
+        Unit of the file's stamps, s.
 
     Raises
     ------
     DataError
         Where the file is malformed.
     """
-    table = read_table(path, COLUMNS, MORE_IN_SPACE)
+    table = read_table(path, COLUMNS, MORE_IN_SPACE, scale=dict.fromkeys(STAMPS, stamp_s))
     c = table.columns
     missing = [name for name in MORE_IN_SPACE if name not in c]
     in_space = len(missing) < len(MORE_IN_SPACE)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Annotated, Any
@@ -32,6 +33,15 @@ from gtsam_nav.series import SERIES_TYPES
 MISSION_FILE = "mission.yaml"
 LANDMARK_MAP = "landmark_map"
 EDGES = "edges"
+CLOCK_AND_PLACE = ("time_offset", "xyz_m", "rpy_deg")
+MEANINGLESS: Mapping[str, tuple[str, ...]] = {
+    LANDMARK_MAP: (*CLOCK_AND_PLACE, "time_offset_s", "columns", "scale"),
+    EDGES: (*CLOCK_AND_PLACE, "columns"),
+    "beams": ("columns",),
+    "scans": ("columns",),
+    "clouds": ("columns",),
+}
+"""Keys that nothing would be made of, by sensor type."""
 
 
 def _posix_seconds(given: Any) -> Any:
@@ -117,7 +127,8 @@ class SensorEntry(SensorCard):
     columns : map of str to str
         What the file's header calls a column: ``{t: stamp_ns, gx: rate_x}``.
     scale : map of str to float
-        What the numbers of a column are multiplied by: ``{t: 1.0e-9, gx: 0.0174533}``.
+        What the numbers of a column are multiplied by: ``{t: 1.0e-9, gx: 0.0174533}``. Of beams,
+        scans, clouds and edges, t alone.
     through_water : bool
         Of a dvl: whether its file is that of a log, which reads the water.
     """
@@ -136,6 +147,13 @@ class SensorEntry(SensorCard):
             example = "{t: stamp_ns}" if info.field_name == "columns" else "{t: 1.0e-9}"
             raise ValueError(f"is a map by the columns' names, as in {example}, not '{given}'")
         return given
+
+    @model_validator(mode="after")
+    def _keys_mean_something(self) -> SensorEntry:
+        for key in MEANINGLESS.get(self.type, ()):
+            if key in self.model_fields_set:
+                raise ValueError(f"{key} means nothing for a sensor of type {self.type}")
+        return self
 
     @model_validator(mode="after")
     def _columns_are_known(self) -> SensorEntry:

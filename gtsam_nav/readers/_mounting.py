@@ -12,8 +12,8 @@ from gtsam_nav.series import AttitudeSeries, HeadingSeries, ReferenceSeries, Sca
 
 
 def in_body_axes(sensor: Sensor) -> Sensor:
-    """The same sensor, but what is told of the body's axes is of them: headings, tilts, the attitude
-    of a reference, points of scans.
+    """The same sensor, but what can be told of the body's axes is: headings, tilts, the attitude of
+    a reference, points of scans.
 
     Parameters
     ----------

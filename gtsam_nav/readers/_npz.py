@@ -39,9 +39,11 @@ NUMPY_FAULTS = (
 )
 
 
-def read_beams(name: str, path: Path) -> tuple[BeamSeries | None, list[Rejection], bool]:
-    """Beams of an archive with t, angle, intensity and resolution_m; and whether their stamps pass
-    midnight."""
+def read_beams(
+    name: str, path: Path, stamp_s: float
+) -> tuple[BeamSeries | None, list[Rejection], bool]:
+    """Beams of an archive with t (in units of ``stamp_s``), angle, intensity and resolution_m; and
+    whether their stamps pass midnight."""
     arrays = _read_arrays(path, ("t", "angle", "intensity", "resolution_m"))
     t, angle, intensity = (arrays[k] for k in ("t", "angle", "intensity"))
     if t.ndim != 1 or angle.shape != t.shape or intensity.ndim != 2 or len(intensity) != len(t):
@@ -55,14 +57,16 @@ def read_beams(name: str, path: Path) -> tuple[BeamSeries | None, list[Rejection
     resolution = arrays["resolution_m"]
     if resolution.size != 1 or not (np.isfinite(resolution) & (resolution > 0)).all():
         raise DataError("resolution_m must be one positive number", path)
-    stamps, passed = past_midnight(t.astype(float))
+    stamps, passed = past_midnight(stamp_s * t.astype(float))
     columns = {"t": stamps, "angle": angle.astype(float), "intensity": intensity}
     return *tidy(BeamSeries, name, columns, resolution_m=float(resolution.reshape(()))), passed
 
 
-def read_scans(name: str, path: Path) -> tuple[ScanSeries | None, list[Rejection], bool]:
-    """Scans of an archive with t, first and points, and whether their stamps pass midnight; one
-    with a point that is not finite is none."""
+def read_scans(
+    name: str, path: Path, stamp_s: float
+) -> tuple[ScanSeries | None, list[Rejection], bool]:
+    """Scans of an archive with t (in units of ``stamp_s``), first and points, and whether their
+    stamps pass midnight; one with a point that is not finite is none."""
     arrays = _read_arrays(path, ("t", "first", "points"))
     t, points = arrays["t"].astype(float), arrays["points"].astype(float)
     first = arrays["first"].astype(np.int64)
@@ -72,7 +76,7 @@ def read_scans(name: str, path: Path) -> tuple[ScanSeries | None, list[Rejection
         raise DataError(
             f"points has shape {points.shape}; ({first[-1]}, 2 or 3) is needed, as first says", path
         )
-    t, passed = past_midnight(t)
+    t, passed = past_midnight(stamp_s * t)
     finite = np.all(np.isfinite(points), axis=1)
     bad = np.diff(np.concatenate([[0], np.cumsum(~finite)])[first]) > 0
     kept, rejections = screen(ScanSeries, name, {"t": t}, refused={"non-finite points": bad})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,13 +14,17 @@ from gtsam_nav.mission import Rejection
 from gtsam_nav.readers._rows import is_number, parse_rows
 from gtsam_nav.readers._text import TRUNCATED, read_lines
 
+STAMPS = ("t", "t_from")
+"""Columns of times."""
+
 
 @dataclass(frozen=True)
 class Table:
     """The columns of a CSV file that somebody asked for.
 
-    ``unknown`` names the others; ``cut_stamp`` is the first field of a last line that is damaged,
-    ``cut_line`` its number, and ``archive_cut`` says that the compressed file ends there.
+    ``unknown`` names the others; ``cut_stamp`` is the time of a last line that is damaged, NaN if
+    that is not its first field, ``cut_line`` its number, and ``archive_cut`` says that the
+    compressed file ends there.
     """
 
     path: Path
@@ -79,7 +83,9 @@ def read_table(
         Where the file is missing or empty, a column is missing, or a line is malformed.
     """
     lines = read_lines(path, whole=False)
-    names = _own_names(header_names(lines[0], path), renamed or {}, path)
+    header = header_names(lines[0], path)
+    places = _places(header, renamed or {}, path)
+    names = list(places)
     needed = list(required)
     or_else = ""
     if instead is not None:
@@ -96,11 +102,12 @@ def read_table(
             1,
         )
     wanted = {*needed, *optional}
-    unknown = tuple(name for name in names if name not in wanted)
+    labels = [_label(k, places, wanted) for k in range(len(header))]
+    unknown = tuple(label for label in labels if label not in wanted)
     rows = parse_rows(
         lines[1:],
         path,
-        names,
+        labels,
         delimiter=",",
         first_line=2,
         words=words,
@@ -109,15 +116,19 @@ def read_table(
     factors = scale or {}
     columns = {
         name: rows.values[:, k] * factors[name] if name in factors else rows.values[:, k]
-        for k, name in enumerate(names)
+        for name, k in places.items()
         if name in wanted
     }
+    cut_stamp = rows.cut_stamp
+    if cut_stamp is not None:
+        unit = next((factors.get(name, 1.0) for name in STAMPS if places.get(name) == 0), np.nan)
+        cut_stamp *= unit
     # a comma at the end of each line makes a column without a name
     unknown = tuple(filter(None, unknown))
-    return Table(path, columns, unknown, rows.cut_stamp, rows.cut_line, rows.archive_cut)
+    return Table(path, columns, unknown, cut_stamp, rows.cut_line, rows.archive_cut)
 
 
-def _hint(names: list[str], missing: str) -> str:
+def _hint(names: Sequence[str], missing: str) -> str:
     """What is probably wrong with a header that lacks a column."""
     if names[0].startswith(("#", "%")):
         return ": the first line must be the header, and no comment"
@@ -132,8 +143,9 @@ def _hint(names: list[str], missing: str) -> str:
     return ""
 
 
-def _own_names(header: list[str], renamed: Mapping[str, str], path: Path) -> list[str]:
-    """The header's names as they are called here; a name that is another's is nobody's."""
+def _places(header: Sequence[str], renamed: Mapping[str, str], path: Path) -> dict[str, int]:
+    """Which column of the file each name is here, several maybe one; of a name that is another's,
+    nobody's."""
     missing = [theirs for theirs in renamed.values() if theirs not in header]
     if missing:
         raise DataError(
@@ -142,8 +154,18 @@ def _own_names(header: list[str], renamed: Mapping[str, str], path: Path) -> lis
             path,
             1,
         )
-    ours = {theirs: own for own, theirs in renamed.items()}
-    return [ours.get(name, f"{name} of the file" if name in renamed else name) for name in header]
+    places: dict[str, int] = {}
+    for k, name in enumerate(header):
+        unclaimed = f"{name} of the file" if name in renamed else name
+        ours = [own for own, theirs in renamed.items() if theirs == name] or [unclaimed]
+        places |= dict.fromkeys(ours, k)
+    return places
+
+
+def _label(column: int, places: Mapping[str, int], wanted: Collection[str]) -> str:
+    """What a column is called here: by a name that is wanted, where one is."""
+    names = [name for name, k in places.items() if k == column]
+    return next((name for name in names if name in wanted), names[0])
 
 
 def header_names(line: str, path: Path) -> list[str]:

@@ -150,7 +150,10 @@ def read_described(
         sources=(description, *reading.sources),
     )
     offsets = {rejection.sensor: 0.0 for rejection in rejections}
-    offsets |= {name: entry.time_offset_s for name, entry in described.sensors.items()}
+    offsets |= {
+        EDGES if entry.type == EDGES else name: entry.time_offset_s
+        for name, entry in described.sensors.items()
+    }
     return on_mission_time(mission, offsets)
 
 
@@ -178,7 +181,7 @@ class _Reading:
             self.landmark_map = self._landmark_map(path)
             return
         if entry.type == EDGES:
-            self.edges, dropped = read_edges(path)
+            self.edges, dropped = read_edges(path, entry.factors.get("t", 1.0))
             self.rejections += dropped
             if dropped:
                 self.warnings.append(f"{path.name}: {len(dropped)} unusable edges are left out")
@@ -212,11 +215,11 @@ class _Reading:
     def _series(self, name: str, entry: SensorEntry, path: Path) -> Cleaned:
         if entry.type in ("beams", "scans"):
             read_points = read_beams if entry.type == "beams" else read_scans
-            series, rejections, midnight = read_points(name, path)
+            series, rejections, midnight = read_points(name, path, entry.factors.get("t", 1.0))
             self.past_midnight += [name] * midnight
             return series, rejections
         if entry.type == "clouds":
-            return self._clouds(name, path)
+            return self._clouds(name, path, entry.factors.get("t", 1.0))
         return self._numbers(name, entry, path)
 
     def _numbers(self, name: str, entry: SensorEntry, path: Path) -> Cleaned:
@@ -299,8 +302,9 @@ class _Reading:
                 sensors = f"sensor{'s' * (len(lists) > 1)} {names}"
                 yield f"{sensors}: {path.name} has unknown columns: {', '.join(unknown)}"
 
-    def _clouds(self, name: str, path: Path) -> Cleaned:
+    def _clouds(self, name: str, path: Path, stamp_s: float) -> Cleaned:
         stamps, names, cut_stamp = read_named_files(path)
+        stamps = stamp_s * stamps
         missing = np.zeros(len(names), dtype=bool)
         files: list[Path] = []
         for k, file_name in enumerate(names):

@@ -142,7 +142,7 @@ def _is_other_report(line: str) -> bool:
 
 
 def _damaged_interval_ms(line: str) -> float:
-    """What a damaged report tells of its time; NaN where that is lost, zero of what is no report."""
+    """What a damaged report tells of its time; NaN where that is lost, zero where it is none."""
     if told := TIME.search(line):
         return float(told[1])
     return np.nan if any(f'"{key}"' in line for key in NEEDED) else 0.0

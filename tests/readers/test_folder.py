@@ -103,6 +103,72 @@ def test_points_of_a_mounted_scanner_read_as_the_body_sees_them(tmp_path: Path) 
     np.testing.assert_allclose(again.points_b, scanner.series.points_b)
 
 
+def test_a_column_may_be_two_of_ours(tmp_path: Path) -> None:
+    columns = {"sigma_n": "hAcc", "sigma_e": "hAcc", "sigma_d": "vAcc"}
+    text = csv("t,n,e,d,hAcc,vAcc", 1, 2, 3, 0.5, 1)
+    sensor = read_one(tmp_path, "gnss", text, columns=columns, scale={"sigma_e": 2})
+    assert isinstance(sensor.series, GnssSeries)
+    np.testing.assert_allclose(sensor.series.sigma[0], [0.5, 1.0, 1.0])
+
+
+def test_stamps_of_archives_and_lists_have_units_too(tmp_path: Path) -> None:
+    ms = {"scale": {"t": 0.001}}
+    sensors = {
+        "beams": {"file": "b.npz", **ms},
+        "scans": {"file": "s.npz", **ms},
+        "clouds": {"file": "clouds.csv", **ms},
+        "edges": {"file": "e.csv", **ms},
+        "depth": {"file": "d.csv"},
+    }
+    edges = "t_from,t,x,y,yaw_deg,xx,xy,xw,yy,yw,ww\n0,9000,1,0,0,.01,0,0,.01,0,.001\n"
+    clouds = "t,file\n" + "".join(f"{1000 * k},c.npy\n" for k in TEN)
+    files = {"d.csv": DEPTH_CSV, "e.csv": edges, "clouds.csv": clouds}
+    folder = make_folder(tmp_path, files, sensors)
+    np.save(folder / "c.npy", np.ones((3, 3)))
+    t, n = 1000.0 * np.arange(10), 10
+    echoes = np.zeros((n, 4), np.uint8)
+    np.savez(folder / "b.npz", t=t, angle=0.1 * t, intensity=echoes, resolution_m=0.1)
+    np.savez(folder / "s.npz", t=t, first=np.arange(n + 1), points=np.ones((n, 2)))
+    mission = open_mission(folder)
+    for sensor in mission.sensors.values():
+        np.testing.assert_allclose(sensor.series.t, np.arange(10))
+    assert mission.edges is not None
+    np.testing.assert_allclose(mission.edges.t, [[0, 9]])
+
+
+EDGES_CSV = "t_from,t,x,y,yaw_deg,xx,xy,xw,yy,yw,ww\n" + "".join(
+    f"{k},{k + 1},{'nan' if k == 3 else 1},0,0,.01,0,0,.01,0,.001\n" for k in range(5)
+)
+
+
+@pytest.mark.parametrize("name", ["edges", "graph"])
+def test_edges_have_any_name_and_a_clock(tmp_path: Path, name: str) -> None:
+    sensors = {
+        name: {"type": "edges", "file": "e.csv", "time_offset_s": 5.0},
+        "depth": {"file": "d.csv"},
+    }
+    mission = open_mission(make_folder(tmp_path, {"e.csv": EDGES_CSV, "d.csv": DEPTH_CSV}, sensors))
+    assert mission.edges is not None
+    assert mission.edges.span_s == (5.0, 10.0)
+    assert [(r.t, r.sensor) for r in mission.rejections] == [(9.0, "edges")]
+
+
+@pytest.mark.parametrize(
+    ("sensor_type", "entry", "message"),
+    [
+        ("beams", {"columns": {"t": "ms"}}, "columns means nothing for a sensor of type beams"),
+        ("scans", {"scale": {"angle": 2}}, "a scans has no column 'angle'; the choices are: t"),
+        ("edges", {"rpy_deg": [0, 0, 1]}, "rpy_deg means nothing for a sensor of type edges"),
+        ("landmark_map", {"time_offset_s": 1}, "time_offset_s means nothing"),
+    ],
+)
+def test_a_key_that_nothing_is_made_of_is_refused(
+    tmp_path: Path, sensor_type: str, entry: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(DataError, match=message):
+        read_one(tmp_path, sensor_type, "", **entry)
+
+
 def test_columns_come_in_any_order_and_unknown_ones_are_named(tmp_path: Path) -> None:
     rows = [f"fine {k},0.3,0.2,0.1,{k}" for k in TEN]
     text = "\n".join(["comment,wz,vy,vx,t", *rows])

@@ -28,6 +28,14 @@ def test_seconds_of_the_day_go_on_past_midnight(tmp_path: Path) -> None:
     assert "seconds of the day are the stamps of 'a', and they pass midnight" in warning
 
 
+def test_a_cut_line_of_scaled_stamps_is_past_midnight_too(tmp_path: Path) -> None:
+    text = depths((1000 * (STAMPS % DAY_S)).astype(int)) + "10000,x1"
+    entry = {"type": "depth", "file": "a.csv", "scale": {"t": 0.001}}
+    mission = open_mission(make_folder(tmp_path, {"a.csv": text}, {"a": entry}))
+    np.testing.assert_allclose(mission.sensors["a"].series.t, STAMPS - STAMPS[0])
+    assert [(r.t, r.reason) for r in mission.rejections] == [(20.0, "truncated line")]
+
+
 def test_sensors_on_either_side_of_midnight_are_of_one_night(tmp_path: Path) -> None:
     t = np.arange(0.0, 120.0)
     night = (86_340.0 + t) % 86_400.0
