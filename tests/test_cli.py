@@ -254,6 +254,9 @@ def test_evaluate_never_scores_on_fixes_that_a_run_used(
     )
     assert refused.code == 3
     assert "gnss.use" in refused.err
+    assert gtsam_nav("export", tmp_path / "all" / "dr", "--to", "tum").code == 0
+    exported = tmp_path / "all" / "dr" / "export" / "trajectory.tum"
+    assert gtsam_nav("evaluate", exported, tmp_path / "mission").code == 3
 
 
 def test_simulate_writes_the_same_mission_for_the_same_seed(
