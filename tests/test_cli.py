@@ -319,6 +319,16 @@ def test_a_fault_that_the_mission_cannot_have_is_named(
     assert "no sensor 'lidar'; the choices are: imu, dvl" in refused.err
 
 
+def test_a_fault_that_one_of_the_methods_cannot_have_is_named_before_any_runs(
+    gtsam_nav: CommandLine, mission_folder: Path, tmp_path: Path
+) -> None:
+    both = ("-m", "graph", "-m", "dr", "--inject", "loops:false=0.5")
+    refused = gtsam_nav("run", mission_folder, *both, "--out", tmp_path / "out")
+    assert refused.code == 2
+    assert "only graph takes false loop closures, not dr" in refused.err
+    assert not (tmp_path / "out" / "graph").exists()
+
+
 def test_inspect_as_a_table_and_as_json(gtsam_nav: CommandLine, mission_folder: Path) -> None:
     table = gtsam_nav("inspect", mission_folder)
     assert table.code == 0
