@@ -47,7 +47,8 @@ def evaluate(
     lever_b = None if lever_arm is None else numbers("--lever-arm", lever_arm, 3)
     window_s = None if window is None else numbers("--window", window, 2)
     # a run's own files say which fixes it saw, what it scored and whether it knew where it was
-    beside, record = trajectory.with_name("config.yaml"), trajectory.with_name("run.json")
+    run = run_folder(trajectory)
+    beside, record = run / "config.yaml", run / "run.json"
     config = load_config(beside if beside.is_file() else None)
     estimated = read_trajectory(trajectory, frame_named(frame))
     truth = open_reference(reference, config.gnss, frame=frame_named(reference_frame or frame))
@@ -73,6 +74,14 @@ def evaluate(
         )
     if hint is not None:
         say(f"hint: {hint}; --frame and --reference-frame say in which axes a file is")
+
+
+def run_folder(trajectory: Path) -> Path:
+    """Where the run's own files would be: beside its trajectory, or above its exports."""
+    from gtsam_nav.writers.exports import EXPORTS
+
+    folder = trajectory.resolve().parent
+    return folder.parent if folder.name == EXPORTS else folder
 
 
 def span(t: Array) -> str:

@@ -68,15 +68,16 @@ def run(
     from gtsam_nav.cards import with_mission
     from gtsam_nav.config import load_config
     from gtsam_nav.evaluation.report import write_report
-    from gtsam_nav.methods import check_method
+    from gtsam_nav.methods import check_faults, check_method
     from gtsam_nav.simulation import parse_fault
     from gtsam_nav.writers.run_folder import find_runs, settled_output
 
     resolved = load_config(config, overrides)
     names = list(dict.fromkeys(method))
+    faults = [parse_fault(spec) for spec in inject]
     for name in names:
         check_method(name)
-    faults = [parse_fault(spec) for spec in inject]
+        check_faults(name, faults)
     folder = out or Path("out") / mission.resolve().name
     places = [folder / name for name in names]
     with settled_output(folder, *places), progress_bars(quiet) as progress:

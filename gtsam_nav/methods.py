@@ -99,12 +99,12 @@ def check_method(method: str) -> None:
         raise ConfigError(f"unknown method '{method}'; the choices are: {', '.join(_METHODS)}")
 
 
-def _check_faults(method: str, mission: Mission) -> None:
+def check_faults(method: str, faults: Sequence[Fault | str]) -> None:
     """Raise a ConfigError for false loop closures where no graph takes them."""
     from gtsam_nav.simulation.faults import FalseLoops
 
-    for fault in mission.faults:
-        if method != "graph" and fault.startswith(f"{FalseLoops.TARGET}:"):
+    for fault in faults:
+        if method != "graph" and str(fault).startswith(f"{FalseLoops.TARGET}:"):
             raise ConfigError(f"'{fault}': only graph takes false loop closures, not {method}")
 
 
@@ -192,7 +192,7 @@ def estimate(
         from gtsam_nav.simulation import inject
 
         blind = inject(blind, faults, config.seed)
-    _check_faults(method, blind)
+    check_faults(method, blind.faults)
     blind, motion = made_ready(blind, config.motion)
     config = config.model_copy(update={"motion": motion})
     blind = replace(blind, warnings=(*blind.warnings, *_warnings(method, blind)))

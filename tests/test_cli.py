@@ -254,6 +254,9 @@ def test_evaluate_never_scores_on_fixes_that_a_run_used(
     )
     assert refused.code == 3
     assert "gnss.use" in refused.err
+    assert gtsam_nav("export", tmp_path / "all" / "dr", "--to", "tum").code == 0
+    exported = tmp_path / "all" / "dr" / "export" / "trajectory.tum"
+    assert gtsam_nav("evaluate", exported, tmp_path / "mission").code == 3
 
 
 def test_simulate_writes_the_same_mission_for_the_same_seed(
@@ -314,6 +317,16 @@ def test_a_fault_that_the_mission_cannot_have_is_named(
     assert refused.code == 2
     assert one_line(refused)
     assert "no sensor 'lidar'; the choices are: imu, dvl" in refused.err
+
+
+def test_a_fault_that_one_of_the_methods_cannot_have_is_named_before_any_runs(
+    gtsam_nav: CommandLine, mission_folder: Path, tmp_path: Path
+) -> None:
+    both = ("-m", "graph", "-m", "dr", "--inject", "loops:false=0.5")
+    refused = gtsam_nav("run", mission_folder, *both, "--out", tmp_path / "out")
+    assert refused.code == 2
+    assert "only graph takes false loop closures, not dr" in refused.err
+    assert not (tmp_path / "out" / "graph").exists()
 
 
 def test_inspect_as_a_table_and_as_json(gtsam_nav: CommandLine, mission_folder: Path) -> None:

@@ -219,7 +219,7 @@ def comparison_findings(mission: Mission, c: Comparisons) -> Iterator[Finding]:
     yield from compass_findings(mission, c.radians)
     yield from current_findings(mission, c.drifts)
     if c.course is not None:
-        yield from _course_findings(c.course, _stated_deg(mission)[TRACK], c)
+        yield from _course_findings(mission, c.course, c)
     heave = reversed_heave(mission, c.vertical, upside_down)
     told_z = {name for p in c.vertical for name in p.pair}
     untold = {dvl.name for dvl in mission.of_type("dvl")} - told_z
@@ -242,7 +242,7 @@ def comparison_findings(mission: Mission, c: Comparisons) -> Iterator[Finding]:
 
 
 def _course_findings(
-    course: HeadingAgainstCourse, stated_deg: float, c: Comparisons
+    mission: Mission, course: HeadingAgainstCourse, c: Comparisons
 ) -> Iterator[Finding]:
     """On the compass, or on the fixes where it is these that are mirrored."""
     if c.mirrored_gnss is not None:
@@ -251,7 +251,12 @@ def _course_findings(
     mirrored = course.convention.sign < 0
     suspected = c.wrong_sign if mirrored else (*c.blame.quarters, *c.blame.offsets)
     known = (course.heading, TRACK, BOW)
-    yield from heading_findings(course, stated_deg, [s for s in suspected if s not in known])
+    yield from heading_findings(
+        course,
+        _stated_deg(mission)[TRACK],
+        [s for s in suspected if s not in known],
+        is_magnetic=HeadingNoise.model_validate(mission.sensors[course.heading].noise).magnetic,
+    )
 
 
 def _course(

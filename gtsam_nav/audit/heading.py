@@ -140,7 +140,11 @@ def offset_limit_deg(course: HeadingAgainstCourse, stated_deg: float) -> float:
 
 
 def heading_findings(
-    course: HeadingAgainstCourse, stated_deg: float, blamed: Sequence[str]
+    course: HeadingAgainstCourse,
+    stated_deg: float,
+    blamed: Sequence[str],
+    *,
+    is_magnetic: bool = False,
 ) -> Iterator[Finding]:
     """Judge the comparison.
 
@@ -149,6 +153,8 @@ def heading_findings(
     course : HeadingAgainstCourse
     stated_deg : float
         Spread of the offset that the cards allow.
+    is_magnetic : bool
+        Whether the compass's declination is that of its place and day: none can be stated.
     blamed : sequence of str
         Who else than the compass a contradiction may be due to; empty where it is the compass.
     """
@@ -175,6 +181,8 @@ def heading_findings(
     elif abs(course.median_deg) > limit_deg:
         message = f"{read}; noise and the stated biases explain {limit_deg:.1f} deg{or_else}"
         fix = f"noise: {{declination_deg: {-course.median_deg:+.1f}}} (added to what it has)"
+        if is_magnetic:
+            fix = fixes.heading_turned_by(round(-course.median_deg, 1))
         yield warning(message, fix)
     else:
         yield Finding("heading against course", course.heading, "ok", read)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import Mission
+from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.series import DvlSeries
 from gtsam_nav.solution import Solution
 from gtsam_nav.trajectory import Trajectory
@@ -119,12 +119,21 @@ def _without_closures(solution: Solution, begin: float, end: float) -> tuple[str
 
 
 def _without_velocities(mission: Mission, begin: float, end: float) -> tuple[str, ...]:
-    for dvl in mission.of_type("dvl"):
-        series = dvl.series
-        assert isinstance(series, DvlSeries)
-        inside = (series.t >= begin) & (series.t <= end)
-        if not np.any(inside & series.valid):
-            return ("no velocity",)
-        if np.mean(series.valid[inside] & series.bottom_lock[inside]) < 0.5:
-            return ("bottom lock lost",)
-    return ()
+    """Where all that tells velocities, if anything does, is silent or reads the water."""
+    if any(_count(s.series.t, begin, end) for s in mission.of_type("odometry")):
+        return ()
+    dvls = mission.of_type("dvl")
+    locks = [lock for dvl in dvls if (lock := _bottom_lock(dvl, begin, end)) is not None]
+    if not locks:
+        return ("no velocity",) if dvls or mission.of_type("odometry") else ()
+    return ("bottom lock lost",) if max(locks) < 0.5 else ()
+
+
+def _bottom_lock(dvl: Sensor, begin: float, end: float) -> float | None:
+    """Share of its samples with bottom lock; None where none is valid."""
+    series = dvl.series
+    assert isinstance(series, DvlSeries)
+    inside = (series.t >= begin) & (series.t <= end)
+    if not np.any(inside & series.valid):
+        return None
+    return float(np.mean(series.valid[inside] & series.bottom_lock[inside]))

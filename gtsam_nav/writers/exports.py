@@ -15,6 +15,9 @@ from gtsam_nav.writers.pose_graph import read_pose_graph, write_g2o
 from gtsam_nav.writers.run_folder import Run, read_run
 from gtsam_nav.writers.trajectories import KITTI_TIMES, write_kitti, write_nav, write_tum
 
+EXPORTS = "export"
+"""The folder of a run's exports, in its own."""
+
 
 def export_run(folder: Path, formats: Sequence[str], frame: Frame = "ned") -> list[Path]:
     """Write a finished run in other formats, into ``folder/export/``.
@@ -46,7 +49,7 @@ def export_run(folder: Path, formats: Sequence[str], frame: Frame = "ned") -> li
     if frame not in ("ned", "enu"):
         raise ConfigError(f"unknown frame '{frame}'; the choices are: ned, enu")
     run = read_run(folder)
-    out = folder / "export"
+    out = folder / EXPORTS
     try:
         with draft_folder(out) as draft:
             chosen = dict.fromkeys(formats)

@@ -161,6 +161,14 @@ def test_conventions_of_a_compass(k: int) -> None:
     assert course(ways(heading=written)) == meant.fix
 
 
+def test_a_magnetic_compass_has_its_declination_already() -> None:
+    off = heading_against_course("heading", ways(heading=HEADING + 0.3), velocity(BOW))
+    assert off is not None
+    (stated,), (magnetic,) = judged(off, 1.0, ()), judged(off, 1.0, (), is_magnetic=True)
+    assert stated.fix.startswith("noise: {declination_deg: -1")
+    assert magnetic.fix.startswith("rpy_deg: [0, 0, 1")
+
+
 def test_a_compass_that_has_nothing_to_do_with_the_course() -> None:
     lost = ways(heading=RNG.uniform(-np.pi, np.pi) + 0.31 * T)
     found = heading_against_course("heading", lost, velocity(BOW))

@@ -16,6 +16,7 @@ from gtsam_nav.evaluation.histories import error_history
 from gtsam_nav.evaluation.html import Html, element
 from gtsam_nav.evaluation.page import page_document, script
 from gtsam_nav.evaluation.page import sonar as sonar_page
+from gtsam_nav.evaluation.page.charts import _line
 from gtsam_nav.evaluation.page.columns import every_nth, packed, packed_bytes
 from gtsam_nav.evaluation.page.plan import MOST_POSES
 from gtsam_nav.evaluation.page.skeleton import embedded, policy
@@ -45,6 +46,21 @@ def test_columns_come_back_to_half_a_step() -> None:
     values = np.random.default_rng(0).normal(size=500) * 1e4
     np.testing.assert_allclose(unpacked(packed(values, 0.01)), values, rtol=0, atol=0.005 + 1e-9)
     assert len(unpacked(packed([]))) == 0
+
+
+def test_columns_that_do_not_fit_are_refused() -> None:
+    with pytest.raises(ValueError, match="steps"):
+        packed([0.0, 1.0], 1e-12)
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma"), [(0.0123, 0.005), (0.0, 0.01), (1.5 + 1e-7 * np.sin(np.arange(9.0)), 0.2)]
+)
+def test_a_constant_is_drawn_where_it_is_with_its_band(value: Any, sigma: float) -> None:
+    values, sigmas = np.full(9, value), np.full(9, sigma)
+    line = _line("estimate", np.arange(9.0), values, sigmas, "graph")
+    np.testing.assert_allclose(unpacked(line["values"]), values, atol=1e-4 * sigma)
+    np.testing.assert_allclose(unpacked(line["three_sigma"]), 3 * sigmas, rtol=1e-4)
 
 
 def test_bytes_come_back() -> None:
@@ -214,6 +230,11 @@ def test_fixes_are_told_apart_by_what_became_of_them(both: list[Solution]) -> No
     fixes = page_document([replace(both[0], rejections=refused)], None)["plan"]["fixes"]
     assert len(unpacked(fixes["used"]["t"])) == 59
     assert [(fix["t"], fix["reason"]) for fix in fixes["rejected"]] == [(7.0, "outlier")]
+
+
+def test_of_fixes_that_told_the_start_alone_one_is_drawn(both: list[Solution]) -> None:
+    fixes = page_document([replace(both[0], gnss_used=1)], None)["plan"]["fixes"]
+    assert unpacked(fixes["used"]["t"]) == pytest.approx([0.0])
 
 
 def test_surveyed_landmarks_stand_on_the_plan(both: list[Solution]) -> None:

@@ -12,7 +12,7 @@ from gtsam_nav.evaluation.report_tables import weak_table
 from gtsam_nav.evaluation.weakness import MajorAxis, weak_stretches
 from gtsam_nav.frames import quaternion_from_rpy
 from gtsam_nav.mission import Mission, Sensor
-from gtsam_nav.series import DvlSeries, GnssSeries
+from gtsam_nav.series import DvlSeries, GnssSeries, OdometrySeries
 from gtsam_nav.solution import LoopClosure, Solution
 from gtsam_nav.trajectory import Trajectory
 
@@ -151,3 +151,27 @@ def test_weak_stretches_that_nearly_touch_are_one(apart_s: float, stretches: int
     assert [(s.begin_s, s.end_s) for s in found] == (
         bounds if stretches == 2 else [(BEGIN_S, END_S)]
     )
+
+
+def silent_but_for(*others: Sensor) -> tuple[str, ...]:
+    weak = solution()
+    mission = weak.mission.with_sensor(weak.mission.sensors["dvl"])
+    for other in others:
+        mission = mission.with_sensor(other)
+    (stretch,) = weak_stretches(replace(weak, mission=mission))
+    return stretch.causes
+
+
+def test_another_sensor_of_velocities_that_runs_on_is_no_silence() -> None:
+    every, one = np.ones(len(T), dtype=bool), np.ones(len(T))
+    still = np.zeros((len(T), 3))
+    whole = DvlSeries(t=T, v_d=still, sigma=one, valid=every, bottom_lock=every)
+    wheels = OdometrySeries(
+        t=T, v_b=still[:, :2], yaw_rate=0.0 * T, sigma_v=one, sigma_yaw_rate=one
+    )
+    lost = "bottom lock lost"
+    assert lost in silent_but_for()
+    assert lost not in silent_but_for(Sensor("other", "dvl", whole))
+    assert lost not in silent_but_for(Sensor("odometry", "odometry", wheels))
+    ended = Sensor("other", "dvl", whole.select(T < 20.0))
+    assert silent_but_for(ended) == silent_but_for()

@@ -97,6 +97,13 @@ def test_a_mission_with_every_sensor_reads_back_equal(tmp_path: Path) -> None:
         )
 
 
+def test_points_of_scans_are_written_in_body_axes(tmp_path: Path) -> None:
+    scans = Sensor("scans", "scans", every_series(tmp_path)["scans"], xyz_b=np.ones(3))
+    write_mission(Mission("room", {"scans": scans}), tmp_path / "mission")
+    read = open_mission(tmp_path / "mission").sensors["scans"].series
+    assert_same_series(read, scans.series, 0.0, 1e-15)
+
+
 def test_what_the_source_lost_is_remembered(tmp_path: Path) -> None:
     depth = Sensor("depth", "depth", every_series(tmp_path)["depth"])
     lost = (

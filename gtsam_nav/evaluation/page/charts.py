@@ -22,7 +22,9 @@ from gtsam_nav.solution import Solution
 MOST_SAMPLES = 6000
 """Of a line; a screen is not wider."""
 STEPS_OF_RANGE = 20_000
-"""A chart's values are rounded to its range over this many."""
+"""A chart's values are rounded to its range, band included, over this many."""
+LEAST_SHARE = 1e-6
+"""Of its values: finer changes are rounding."""
 
 
 def charts_document(solutions: Sequence[Solution]) -> list[Document]:
@@ -43,7 +45,8 @@ def _line(
     """A line in its method's colour; one of no method is drawn as grey dots."""
     which = every_nth(len(t), MOST_SAMPLES)
     t, values = t[which], values[which]
-    step = max(float(np.ptp(values)), 1e-9) / STEPS_OF_RANGE if len(values) else 1.0
+    sigma = None if sigma is None else sigma[which]
+    step = _step(values, sigma)
     line = {
         "name": name,
         "method": method,
@@ -52,8 +55,17 @@ def _line(
         "values": packed(values, step),
     }
     if sigma is not None:
-        line["three_sigma"] = packed(3.0 * sigma[which], step)
+        line["three_sigma"] = packed(3.0 * sigma, step)
     return line
+
+
+def _step(values: Array, sigma: Array | None) -> float:
+    """What a line's values are rounded to."""
+    if not len(values):
+        return 1.0
+    least = max(LEAST_SHARE * float(np.max(np.abs(values))), 1e-9)
+    band = 0.0 if sigma is None else 3.0 * float(np.max(sigma))
+    return max(float(np.ptp(values)), band, least) / STEPS_OF_RANGE
 
 
 def _horizontal_errors(solutions: Sequence[Solution]) -> Document:

@@ -28,10 +28,17 @@ def packed(values: ArrayLike, step: float = 1.0) -> Document:
     values : array_like, shape (k,)
         Finite, and less than two thousand million steps from zero.
     step : float
+
+    Raises
+    ------
+    ValueError
+        Where neighbours are too many steps apart.
     """
     multiples = np.round(np.asarray(values, dtype=float) / step).astype(np.int64)
-    differences = np.diff(multiples, prepend=0).astype("<i4")
-    return {"step": step, "deflated": _deflated(differences.tobytes())}
+    differences = np.diff(multiples, prepend=0)
+    if np.any(np.abs(differences) >= 2**31):
+        raise ValueError(f"values are more than two thousand million steps of {step:g} apart")
+    return {"step": step, "deflated": _deflated(differences.astype("<i4").tobytes())}
 
 
 def packed_bytes(values: NDArray[np.uint8]) -> Document:

@@ -19,6 +19,7 @@ from gtsam_nav.evaluation.page.columns import (
     packed_path,
 )
 from gtsam_nav.evaluation.tracks import Track, map_name, track_of
+from gtsam_nav.evaluation.used_fixes import used_fixes
 from gtsam_nav.mission import Mission
 from gtsam_nav.series import GnssSeries
 from gtsam_nav.solution import LoopClosure, Solution
@@ -146,7 +147,6 @@ def _map(track: Track) -> Document | None:
 def _fixes(solution: Solution) -> Document:
     """The fixes that the solution used, and those that it had but did not believe."""
     reasons = {(r.sensor, r.index): r.reason for r in solution.rejections}
-    used: list[tuple[float, float, float]] = []
     rejected: list[Document] = []
     for sensor in solution.mission.of_type("gnss"):
         series = sensor.series
@@ -156,7 +156,4 @@ def _fixes(solution: Solution) -> Document:
             if reason is not None:
                 place = [figure(n, 2), figure(e, 2)]
                 rejected.append({"t": figure(t, 3), "ne": place, "reason": reason})
-            elif solution.gnss_used:
-                used.append((t, n, e))
-    t_used, *ne_used = np.array(used).reshape(-1, 3).T
-    return {"used": packed_path(t_used, np.column_stack(ne_used)), "rejected": rejected}
+    return {"used": packed_path(*used_fixes(solution)), "rejected": rejected}

@@ -23,8 +23,8 @@ from gtsam_nav.evaluation.plots.style import (
     new_figure,
 )
 from gtsam_nav.evaluation.tracks import Track, map_name, track_of
+from gtsam_nav.evaluation.used_fixes import used_fixes
 from gtsam_nav.frames import Array
-from gtsam_nav.series import GnssSeries
 from gtsam_nav.solution import Solution
 
 if TYPE_CHECKING:
@@ -133,12 +133,10 @@ def _size_in(north_m: float, east_m: float) -> tuple[float, float]:
 
 
 def _draw_fixes(ax: Axes, solution: Solution) -> None:
-    """The GNSS fixes that the solution had."""
-    fixes = [
-        s.series.p_n for s in solution.mission.of_type("gnss") if isinstance(s.series, GnssSeries)
-    ]
-    if fixes and solution.gnss_used:
-        n, e, _ = np.concatenate(fixes).T
+    """The GNSS fixes that the solution used."""
+    _, p_n = used_fixes(solution)
+    if len(p_n):
+        n, e, _ = p_n.T
         ax.plot(e, n, ".", markersize=4, color=FIX, alpha=0.6, label="GNSS used")
 
 
