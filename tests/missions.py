@@ -103,7 +103,7 @@ def every_sensor_mission(cloud_folder: Path, seed: int = 0) -> Mission:
     }
     sensors = {}
     for name, series in every_series(cloud_folder, seed).items():
-        body_axes = name in ("heading", "attitude", "scans")
+        body_axes = name in ("heading", "attitude", "scans", "reference")
         sensors[name] = Sensor(
             name=name,
             type=name,
