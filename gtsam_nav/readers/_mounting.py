@@ -29,8 +29,8 @@ def in_body_axes(sensor: Sensor) -> Sensor:
         roll, pitch = body_tilt(series.roll, series.pitch, R_bs)
         return replace(sensor, series=replace(series, roll=roll, pitch=pitch), R_bs=np.eye(3))
     if isinstance(series, ReferenceSeries) and series.rpy is not None:
-        turned = replace(series, rpy=body_attitude(series.rpy, R_bs))
-        return replace(sensor, series=turned, R_bs=np.eye(3))
+        rpy = body_attitude(series.rpy, R_bs)
+        return replace(sensor, series=replace(series, rpy=rpy), R_bs=np.eye(3))
     if isinstance(series, ScanSeries):
         here = sensor.xyz_b[: series.points_b.shape[1]]
         turn = R_bs[: len(here), : len(here)]
