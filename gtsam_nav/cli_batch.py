@@ -45,6 +45,7 @@ def batch(
     from gtsam_nav.batch.plan import parse_sweep
     from gtsam_nav.batch.ranking import rank
     from gtsam_nav.batch.table import TABLE
+    from gtsam_nav.cards import with_mission
     from gtsam_nav.config import load_config
 
     with count_bar(quiet) as progress:
@@ -53,6 +54,7 @@ def batch(
             out,
             method,
             config=load_config(config, overrides),
+            card=with_mission(config),
             sweep=parse_sweep(sweep),
             workers=workers,
             scheduler=scheduler,

@@ -64,6 +64,7 @@ def batch(
     methods: str | Sequence[str] = ("graph",),
     *,
     config: Config | None = None,
+    card: Path | str | None = None,
     sweep: Mapping[str, Sequence[Any]] | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
@@ -87,6 +88,8 @@ def batch(
         Of `gtsam_nav.methods`; one at least.
     config : Config, optional
         Defaults that hold for every mission where absent.
+    card : Path or str, optional
+        A file whose section ``mission`` says of every mission what `gtsam_nav.open_mission` needs.
     sweep : mapping of str to sequence, optional
         Values to try by setting, as in ``{"graph.keyframe_interval_s": [0.5, 1.0]}``.
     workers : int, optional
@@ -130,7 +133,14 @@ def batch(
         check_method(name)
     folder = Path(out).absolute()
     patterns = [missions] if isinstance(missions, Path | str) else missions
-    planned = plan_runs(patterns, folder, names, config or Config(), sweep or {})
+    planned = plan_runs(
+        patterns,
+        folder,
+        names,
+        config or Config(),
+        sweep or {},
+        None if card is None else Path(card),
+    )
     made = missing_folders(folder / TABLE)
     done = _begin(folder, planned, resume)
     runs = [run for run in planned if run.key not in done]

@@ -36,6 +36,8 @@ class PlannedRun:
         Resolved, the swept settings included.
     folder : Path
         Where the run's own folder, named for the method, goes.
+    card : Path or None
+        What the mission is opened by.
     """
 
     mission: str
@@ -44,6 +46,7 @@ class PlannedRun:
     parameters: Mapping[str, Any]
     config: Config
     folder: Path
+    card: Path | None = None
 
     @property
     def sweep(self) -> str:
@@ -57,8 +60,9 @@ class PlannedRun:
 
     @cached_property
     def key(self) -> str:
-        """What this run is, whatever its input holds: by mission, method and configuration."""
-        identity = f"{self.path}\n{self.method}\n{self.config_sha256}"
+        """What this run is, whatever its input holds: by all that it is called with."""
+        card = "" if self.card is None else f"\n{self.card}"
+        identity = f"{self.path}\n{self.method}\n{self.config_sha256}{card}"
         return hashlib.sha256(identity.encode()).hexdigest()[:20]
 
 
@@ -68,6 +72,7 @@ def plan_runs(
     methods: Sequence[str],
     config: Config,
     sweep: Sweep,
+    card: Path | None = None,
 ) -> list[PlannedRun]:
     """All runs of a batch, mission by mission.
 
@@ -80,6 +85,8 @@ def plan_runs(
     config : Config
     sweep : mapping of str to sequence
         Values of each swept setting; all combinations are run.
+    card : Path, optional
+        What each mission is opened by.
 
     Raises
     ------
@@ -105,6 +112,7 @@ def plan_runs(
             parameters=parameters,
             config=resolved,
             folder=out.absolute() / label / _folder_name(sweep_label(parameters)),
+            card=None if card is None else card.absolute(),
         )
         for label, path in label_missions(find_missions(missions)).items()
         for parameters, resolved in configs

@@ -120,7 +120,7 @@ def _estimate(run: PlannedRun, stopwatch: Stopwatch) -> RunRow:
     # a worker is one core: threads of its own would take those of its neighbours
     with threadpool_limits(limits=1):
         begin = time.perf_counter()
-        solution = estimate(open_mission(run.path), run.method, run.config)
+        solution = estimate(open_mission(run.path, card=run.card), run.method, run.config)
         wall_s = time.perf_counter() - begin
         metrics = evaluate(solution, window_s=run.config.evaluation.window_s)
         folder = write_run(solution, run.config, run.folder, metrics=metrics, wall_s=wall_s)

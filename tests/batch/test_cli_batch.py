@@ -63,3 +63,22 @@ def test_it_resumes(missions: Path, tmp_path: Path) -> None:
     assert done.exit_code == 0
     assert (tmp_path / "m0/dr/run.json").read_bytes() == before
     assert (tmp_path / "m1/dr/run.json").is_file()
+
+
+def test_missions_are_opened_by_the_card(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        rows = "".join(f"{200 * k},1,0,0,0\n" for k in range(50))
+        (tmp_path / name / "log.csv").write_text(f"ms,u,v,w,yaw\n{rows}")
+    card = tmp_path / "card.yaml"
+    card.write_text(
+        "seed: 3\n"
+        "mission: {sensors: {"
+        "dvl: {file: log.csv, columns: {t: ms, vx: u, vy: v, vz: w}, scale: {t: 0.001}},"
+        "heading: {file: log.csv, columns: {t: ms, heading_deg: yaw}, scale: {t: 0.001}}}}"
+    )
+    out = tmp_path / "out"
+    done = call(tmp_path / "[ab]", "--out", out, "-m", "dr", "-c", card)
+    assert done.exit_code == 0, done.stderr
+    record = json.loads((out / "b/dr/run.json").read_text())
+    assert record["opening"]["card"] == str(card)

@@ -84,3 +84,13 @@ def test_the_key_tells_configurations_apart(missions: Path) -> None:
 def test_an_unknown_setting_is_an_error_before_anything_runs(missions: Path) -> None:
     with pytest.raises(ConfigError, match=r"unknown config key 'gnss\.usage'"):
         plan_runs([missions / "may/*"], missions, ["dr"], Config(), {"gnss.usage": ["all"]})
+
+
+def test_another_card_is_another_run(missions: Path) -> None:
+    card = missions / "card.yaml"
+    (bare,), (carded,) = (
+        plan_runs([missions / "june/m1"], missions / "out", ["dr"], Config(), {}, given)
+        for given in (None, card)
+    )
+    assert carded.card == card
+    assert carded.key != bare.key
