@@ -173,7 +173,7 @@ def convert(
     """Write a mission of any format as a mission folder."""
     from gtsam_nav.config import checked_card
     from gtsam_nav.readers import open_mission
-    from gtsam_nav.writers.mission_folder import check_free, write_mission
+    from gtsam_nav.writers.mission_folder import check_free, unwritten, write_mission
     from gtsam_nav.writers.run_folder import settled_output
 
     card = checked_card(config)
@@ -186,7 +186,7 @@ def convert(
     show(f"mission '{opened.name}', {stop - start:.1f} s: {out}")
     for (sensor, reason), n in opened.dropped.items():
         show(f"dropped: {sensor}: {n} x {reason}")
-    for warning in opened.warnings:
+    for warning in (*opened.warnings, *unwritten(opened)):
         say(f"warning: {warning}")
 
 

@@ -51,7 +51,9 @@ def evaluate(
     beside, record = run / "config.yaml", run / "run.json"
     config = load_config(beside if beside.is_file() else None)
     estimated = read_trajectory(trajectory, frame_named(frame))
-    truth = open_reference(reference, config.gnss, frame=frame_named(reference_frame or frame))
+    truth, warnings = open_reference(
+        reference, config.gnss, frame=frame_named(reference_frame or frame)
+    )
     scored = config.evaluation.window_s if window_s is None else (window_s[0], window_s[1])
     georeferenced = read_record(record).georeferenced if record.is_file() else True
     compared = (
@@ -66,6 +68,8 @@ def evaluate(
         show_json(scores.to_json())
     else:
         show(f"{trajectory} against {truth.name} of {reference}", str(scores))
+    for warning in warnings:
+        say(f"warning: {warning}")
     if scores.failed:
         say(
             f"hint: it covers {scores.coverage:.1%} of the reference: the trajectory"

@@ -116,6 +116,28 @@ def test_convert_counts_what_it_drops(tmp_path: Path, capsys: pytest.CaptureFixt
     assert open_mission(folder).dropped == {("depth", "non-finite depth_m"): 2}
 
 
+def test_convert_says_what_a_folder_has_no_place_for(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scans = [f"FLASER 2 1 2 {k} 0 0 {k} 0 0 {k}.0 robot {k}.0" for k in range(3)]
+    (tmp_path / "hall.clf").write_text("\n".join(scans) + "\n")
+    (tmp_path / "hall.relations").write_text("0 1 1 0 0 0 0 0\n0 2 2 0 0 0 0 0\n")
+    assert run_main("convert", tmp_path / "hall.clf", "--out", tmp_path / "folder") == 0
+    assert "warning: 2 surveyed relations have no place in a folder" in capsys.readouterr().err
+
+
+def test_evaluate_takes_texts_and_says_what_it_leaves_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    poses = "".join(f"{k} {k} 0 0 0 0 0 1\n" for k in range(9))
+    (tmp_path / "a.txt").write_text(poses)
+    (tmp_path / "b.csv").write_text("t,n,e,d\n" + "".join(f"{k},{k},0,0\n" for k in range(9)) + "x")
+    assert run_main("evaluate", tmp_path / "a.txt", tmp_path / "a.txt") == 0
+    assert capsys.readouterr().err == ""
+    assert run_main("evaluate", tmp_path / "a.txt", tmp_path / "b.csv") == 0
+    assert "left out: 1 x truncated line" in capsys.readouterr().err
+
+
 def test_convert_refuses_what_is_no_mission(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -166,7 +166,7 @@ def _located(place: Path) -> tuple[Reader, Path]:
     if inside:
         names = ", ".join(str(entry.relative_to(place)) for _, entry in inside)
         raise DataError(f"holds {len(inside)} missions; name one of: {names}", place)
-    if _is_trajectory(place):
+    if is_trajectory(place):
         raise DataError(
             "a trajectory and no mission: 'gtsam-nav evaluate TRAJECTORY REFERENCE' scores it,"
             " 'gtsam-nav run' estimates one from a mission",
@@ -188,7 +188,7 @@ def _inside(place: Path, depth: int = 2) -> list[tuple[Reader, Path]]:
     return found
 
 
-def _is_trajectory(place: Path) -> bool:
+def is_trajectory(place: Path) -> bool:
     """Whether a file holds the eight or twelve numbers a line of TUM or KITTI."""
     from gtsam_nav.readers._text import first_lines
 

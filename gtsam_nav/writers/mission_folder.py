@@ -2,8 +2,8 @@
 
 Floats are written exactly, positions of GNSS as latitude, longitude and height where the mission
 has an origin (exact to about 1e-8 m). What was dropped stands in ``rejections.csv``, by its row in
-the source. What a folder cannot say is not written: warnings, row numbers of what was kept. Reading
-sets time zero to the earliest sample.
+the source. What a folder cannot say is not written: warnings, surveyed relations (`unwritten`), row
+numbers of what was kept. Reading sets time zero to the earliest sample.
 """
 
 from __future__ import annotations
@@ -67,6 +67,14 @@ def write_mission(mission: Mission, folder: Path | str) -> None:
             _write_files(mission, draft)
     except OSError as error:
         raise OutputError(f"{target}: the mission cannot be written: {error}") from error
+
+
+def unwritten(mission: Mission) -> list[str]:
+    """What is said of that which a folder has no place for."""
+    relations = mission.relations
+    if relations is None:
+        return []
+    return [f"{len(relations.t)} surveyed relations have no place in a folder: left out"]
 
 
 def check_free(folder: Path, force: bool) -> None:
@@ -156,7 +164,7 @@ def _entry(sensor: Sensor, file_name: str) -> dict[str, Any]:
         entry["rpy_deg"] = [float(x) for x in rpy_deg]
     if sensor.noise:
         entry["noise"] = {
-            figure: value if isinstance(value, bool) else float(value)
+            figure: value if isinstance(value, bool | None) else float(value)
             for figure, value in sensor.noise.items()
         }
     if sensor.time_offset_sigma_s > 0:

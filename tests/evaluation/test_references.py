@@ -19,7 +19,7 @@ GNSS = GnssSettings()
 
 
 def series_of(path: Path, **options: str) -> ReferenceSeries:
-    sensor = open_reference(path, GNSS, **options)
+    sensor, _ = open_reference(path, GNSS, **options)
     assert (sensor.name, sensor.type) == (path.name, "reference")
     assert isinstance(sensor.series, ReferenceSeries)
     return sensor.series
@@ -51,13 +51,24 @@ def test_attitude_and_sigma_are_read_where_they_stand(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("frame", "p_n", "yaw_deg"), [("ned", [1.0, 2.0, 3.0], 0.0), ("enu", [2.0, 1.0, -3.0], 90.0)]
 )
-def test_poses_of_a_tum_file(tmp_path: Path, frame: str, p_n: list[float], yaw_deg: float) -> None:
-    path = tmp_path / "truth.tum"
+@pytest.mark.parametrize("suffix", [".tum", ".txt"])
+def test_poses_of_a_tum_file(
+    tmp_path: Path, suffix: str, frame: str, p_n: list[float], yaw_deg: float
+) -> None:
+    path = tmp_path / f"truth{suffix}"
     path.write_text("0 1 2 3 0 0 0 1\n1 1 2 3 0 0 0 1\n")
     series = series_of(path, frame=frame)
     np.testing.assert_allclose(series.p_n, [p_n, p_n], atol=1e-12)
     assert series.rpy is not None
     np.testing.assert_allclose(np.degrees(series.rpy[:, 2]), yaw_deg)
+
+
+def test_positions_that_are_left_out_are_counted(tmp_path: Path) -> None:
+    path = tmp_path / "truth.csv"
+    path.write_text("t,n,e,d,sigma\n0,1,2,3,1\n1,1,2,3,nan\n2,1,2,3,nan\n3,1,2,3,1\n4,1")
+    _, (warning,) = open_reference(path, GNSS)
+    left_out = "2 x non-finite sigma, 1 x truncated line"
+    assert warning == f"positions of the reference are left out: {left_out}"
 
 
 def test_a_file_without_a_valid_position_is_none(tmp_path: Path) -> None:
@@ -81,7 +92,7 @@ def mission_folder(folder: Path) -> Path:
 
 def test_of_a_mission_the_withheld_fixes_are_taken(tmp_path: Path) -> None:
     folder = mission_folder(tmp_path)
-    reference = open_reference(folder, GnssSettings(use="every_k", every_k=4))
+    reference, _ = open_reference(folder, GnssSettings(use="every_k", every_k=4))
     np.testing.assert_array_equal(reference.series.t, [k for k in range(20) if k % 4])
     with pytest.raises(DataError, match="the GNSS policy withholds no fix"):
         open_reference(folder, GnssSettings(use="all"))

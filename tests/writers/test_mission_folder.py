@@ -104,6 +104,13 @@ def test_points_of_scans_are_written_in_body_axes(tmp_path: Path) -> None:
     assert_same_series(read, scans.series, 0.0, 1e-15)
 
 
+def test_a_figure_may_be_none(tmp_path: Path) -> None:
+    noise = {"sound_speed_m_s": None, "sigma_m_s": 0.02}
+    dvl = Sensor("dvl", "dvl", every_series(tmp_path)["dvl"], noise=noise)
+    write_mission(Mission("pool", {"dvl": dvl}), tmp_path / "mission")
+    assert open_mission(tmp_path / "mission").sensors["dvl"].noise == noise
+
+
 def test_what_the_source_lost_is_remembered(tmp_path: Path) -> None:
     depth = Sensor("depth", "depth", every_series(tmp_path)["depth"])
     lost = (
