@@ -2,7 +2,8 @@
 
 ======  ========================================================================================
 FLASER  ``n r_1 .. r_n  x y theta  odom_x odom_y odom_theta  ipc_t host logger_t``: n ranges
-        (m) from right to left over 180 degrees, the laser's pose and the odometry's
+        (m) from right to left over 180 degrees, both ends included where n is odd; the laser's
+        pose and the odometry's
 ODOM    ``x y theta tv rv accel  ipc_t host logger_t``: pose, m and rad, counter-clockwise
 PARAM   ``robot_frontlaser_offset`` is the laser's place ahead of the robot's centre,
         ``robot_front_laser_max`` the range that stands for no echo
@@ -192,7 +193,9 @@ class _Log:
         pose = [float(text) for text in f[n + 4 : n + 7]]
         limit = min(self.params.get("robot_front_laser_max", NO_ECHO_M), NO_ECHO_M)
         seen = (ranges > 0) & (ranges < limit)
-        angle = -FIELD_OF_VIEW_RAD / 2 + np.arange(n) * FIELD_OF_VIEW_RAD / n
+        # 181 rays are a degree apart, and so are 180, without the one to the left
+        steps = n - 1 if n % 2 and n > 1 else n
+        angle = -FIELD_OF_VIEW_RAD / 2 + np.arange(n) * FIELD_OF_VIEW_RAD / steps
         x = ranges * np.cos(angle) + self.params.get("robot_frontlaser_offset", 0.0)
         # y is to starboard
         points = np.column_stack([x, -ranges * np.sin(angle)])[seen]

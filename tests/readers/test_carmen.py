@@ -166,6 +166,14 @@ def test_scans_are_stamped_when_they_have_come_in(tmp_path: Path) -> None:
     assert read.sensors["odometry"].time_offset_sigma_s == 0.0
 
 
+@pytest.mark.parametrize(("n", "last_deg"), [(180, 89.0), (181, 90.0), (360, 89.5), (361, 90.0)])
+def test_rays_are_a_degree_apart_or_half_of_one(tmp_path: Path, n: int, last_deg: float) -> None:
+    log(tmp_path, odom(0), odom(1), laser(0.5, *[2.0] * n))
+    x, y = scans_of(open_mission(tmp_path / "log.clf")).points_b.T
+    to_port_deg = np.degrees(np.arctan2(-y, x))
+    np.testing.assert_allclose(to_port_deg, np.linspace(-90.0, last_deg, n), atol=1e-9)
+
+
 def card(folder: Path, **sensors: object) -> Path:
     path = folder / "card.yaml"
     path.write_text(yaml.safe_dump({"mission": {"sensors": sensors}}))
