@@ -19,11 +19,11 @@
       sonar: {type: beams, file: beams.npz, simulated: true}
       imu: {file: log.csv, columns: {t: stamp_ns, gx: rate_x}, scale: {t: 1.0e-9, gx: 0.0174533}}
 
-`layout` holds the columns of each file. Angles of a turned compass or attitude sensor (``rpy_deg``)
-become those of the body, and its mounting in the mission is the identity. A ``time_offset`` stands
-for ``time_offset_s`` where the clock is doubted; the graph estimates what it is off by. Without an
-origin the first fix of a file with latitudes is taken, and a warning says so. ``rejections.csv``
-(t, sensor, index, reason) holds the samples that a conversion dropped.
+`layout` holds the columns of each file. Angles of a turned compass, attitude sensor or reference
+(``rpy_deg``) become those of the body, and its mounting in the mission turns nothing. A
+``time_offset`` stands for ``time_offset_s`` where the clock is doubted; the graph estimates what it
+is off by. Without an origin the first fix of a file with latitudes is taken, and a warning says so.
+``rejections.csv`` (t, sensor, index, reason) holds the samples that a conversion dropped.
 """
 
 from __future__ import annotations

@@ -78,6 +78,14 @@ def test_truth_and_survey_come_from_the_mat(tmp_path: Path) -> None:
     assert without.landmark_map is None
 
 
+def test_figures_of_a_card_are_the_sigmas(tmp_path: Path) -> None:
+    card = tmp_path / "card.yaml"
+    card.write_text("mission: {sensors: {landmarks: {noise: {sigma_range_m: 0.9}}}}")
+    odometry, ranges = odometry_and_ranges(open_mission(mat(tmp_path) / "Lawn_.mat", card=card))
+    np.testing.assert_array_equal(ranges.sigma_range, 0.9)
+    np.testing.assert_array_equal(odometry.sigma_v, odometry.sigma_v[0])
+
+
 def test_names_and_choices(tmp_path: Path) -> None:
     folder = texts(tmp_path)
     for name in ("", "Lawn", "Lawn_DR.txt", "Lawn_TD.txt"):
