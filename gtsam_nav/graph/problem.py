@@ -12,6 +12,7 @@ from numpy.linalg import norm
 
 from gtsam_nav.frames import Array, Origin, rotation_from_rpy
 from gtsam_nav.graph import factors
+from gtsam_nav.graph.coasting import CoastingStep
 from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.preintegration import InertialStep
 from gtsam_nav.graph.readings import Reading, StateAt, as_given
@@ -142,7 +143,8 @@ class Problem:
     hints : list
         Factors on the first keyframe for the causal pass alone.
     steps : list
-        Inertial readings into each keyframe; None where there are none.
+        Inertial readings into each keyframe, or its momentum where they lack; None where neither
+        carries it.
     origin : Origin or None
         Of the navigation frame.
     bias : gtsam.imuBias.ConstantBias or None
@@ -185,7 +187,7 @@ class Problem:
     readings: list[list[Reading]] = field(init=False)
     variables: list[list[tuple[int, Callable[[StateAt], Any]]]] = field(init=False)
     hints: list[Any] = field(default_factory=list)
-    steps: list[InertialStep | None] = field(init=False)
+    steps: list[InertialStep | CoastingStep | None] = field(init=False)
     origin: Origin | None = None
     bias: Any = None
     displacements: list[Displacement] = field(default_factory=list)
@@ -311,7 +313,7 @@ class Problem:
         velocity, else by the vehicle's own motion."""
         step = self.steps[k]
         if step is not None and not self.measures_velocity:
-            return step.pim.predict(before, bias)
+            return step.predicted(before, bias)
         R_ab, p_a = self.increments
         return factors.moved(before, R_ab[k - 1], p_a[k - 1], self.v_b[k])
 
