@@ -192,6 +192,21 @@ def test_springs_let_the_bow_rise_as_a_vehicle_on_wheels_speeds_up() -> None:
     np.testing.assert_allclose(derivative[8], slope[8], rtol=0.02)
 
 
+def test_a_turn_between_two_rests_is_not_forbidden() -> None:
+    """Still at 10 s and at 15 s, on another heading: no rest lasts from the one to the other."""
+    t = np.arange(0.0, 20.0, 0.02)
+    turning = (t > 11.3) & (t < 12.7)
+    gyro_b = np.column_stack([np.zeros((len(t), 2)), np.where(turning, 0.7, 0.0)])
+    force = np.tile([0.0, 0.0, -9.80665], (len(t), 1))
+    imu = Sensor("imu", "imu", ImuSeries(t=t, gyro_i=gyro_b, accel_i=force))
+    resting = Constraints(zero_velocity=True)
+    problem = problem_of(imu, np.array([0.0, 5.0, 10.0, 15.0]), constraints=resting)
+    stated = [
+        [e.gaussian.keys() for e in own if e.sensor == "constraints"] for own in problem.factors
+    ]
+    assert stated == [[[X(0)]], [[X(1)], [X(0), X(1)]], [[X(2)], [X(1), X(2)]], [[X(3)]]]
+
+
 def biased_rest(bias: Array, span_s: float) -> tuple[Problem, object]:
     """A still vehicle whose gyro is biased; that bias, which the problem does not know at first."""
     t = np.arange(0.0, span_s + 0.01, 0.01)
