@@ -68,7 +68,8 @@ def _along_motion(problem: Problem, keyframes: Trajectory) -> Trajectory:
     f = ((t - t_key[before]) / (t_key[before + 1] - t_key[before]))[:, None]
     p_own, rpy_own = motion.at(t)
     p_key, rpy_key = motion.at(t_key)
-    turn = wrap_angle(keyframes.rpy - rpy_key)
+    # one that grows past half a turn goes on between two keyframes
+    turn = np.unwrap(wrap_angle(keyframes.rpy - rpy_key), axis=0)
     heading_turns = rotation_from_rpy(turn * [0.0, 0.0, 1.0])
     ends = [
         keyframes.p_n[k] + np.einsum("nij,nj->ni", heading_turns[k], p_own - p_key[k])
