@@ -166,7 +166,7 @@ class Problem:
     landmarks : dict of int to int
         Key of each landmark by its id.
     level_landmarks : set of int
-        Those whose depth no sighting tells.
+        Ids of those whose depth no sighting tells.
     range_scales : dict of str to int
         Key of the range scale of each sensor that has one.
     rejections : list of Rejection
