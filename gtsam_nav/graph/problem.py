@@ -14,6 +14,7 @@ from gtsam_nav.frames import Array, Origin, rotation_from_rpy
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.coasting import CoastingStep
 from gtsam_nav.graph.factors import B, X
+from gtsam_nav.graph.keyframes import MIN_SPACING_S
 from gtsam_nav.graph.preintegration import InertialStep
 from gtsam_nav.graph.readings import Reading, StateAt, as_given
 from gtsam_nav.graph.robust import GatedRobustness, Robustness
@@ -22,7 +23,7 @@ from gtsam_nav.mission import Rejection
 from gtsam_nav.preprocess.alignment import Alignment
 from gtsam_nav.preprocess.motion import VehicleMotion
 from gtsam_nav.preprocess.strapdown import gravity_at
-from gtsam_nav.series import IntArray
+from gtsam_nav.series import BoolArray, IntArray
 
 RECEIVER_STRIDE = 10**7
 """Apart in the numbering of GNSS errors: more keyframes than any mission has."""
@@ -272,6 +273,12 @@ class Problem:
     def compass_at(self, k: int) -> int | None:
         """Key of the compass frame of keyframe k, if there is one."""
         return self.compass[k] if self.compass else None
+
+    def spans(self, t: Array) -> BoolArray:
+        """Which of given times lie within the keyframes', or at a start or stop that gave way to
+        an anchor."""
+        before, after = self.t[0] - MIN_SPACING_S, self.t[-1] + MIN_SPACING_S
+        return np.asarray((t > before) & (t < after))
 
     def keyframe_nearest(self, t: Array) -> IntArray:
         """Indices of the keyframes nearest to given times."""

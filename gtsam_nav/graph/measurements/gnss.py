@@ -47,8 +47,7 @@ def _within(problem: Problem, gnss: Sensor, lag_s: float = 0.0) -> GnssSeries:
     """Fixes whose time, less a lag, lies within the keyframes'."""
     series = gnss.series
     assert isinstance(series, GnssSeries)
-    t = series.t - lag_s
-    return series.select((t >= problem.t[0]) & (t <= problem.t[-1]))
+    return series.select(problem.spans(series.t - lag_s))
 
 
 def _add_positions(

@@ -67,7 +67,7 @@ class Sightings:
     ) -> None:
         series = sensor.series
         assert isinstance(series, LandmarkSeries)
-        self.series = series.select((series.t >= problem.t[0]) & (series.t <= problem.t[-1]))
+        self.series = series.select(problem.spans(series.t))
         self.problem, self.sensor, self.known = problem, sensor, known
         self.noise = LandmarkNoise.model_validate(sensor.noise)
         self.ids = trusted_ids(self.series, config.landmarks)
