@@ -129,7 +129,7 @@ def _once(mission: Mission, config: Config, recorder: Recorder) -> dict[str, flo
     problem, building_s = _problem(mission, config)
     step = config.graph.keyframes_per_update
     recipes = [_Recipe.of(graph, values) for graph, values in recorder.updates]
-    steps = [(own, own.readings()) for own in problem.steps if own is not None]
+    steps = [(own, own.readings()) for own in problem.steps if isinstance(own, InertialStep)]
     marks = [time.process_time()]
     online = run_online(problem, None, NO_SCANS, config, no_progress)
     marks.append(time.process_time())

@@ -39,6 +39,13 @@ def joined(parts: Iterable[Carried]) -> Carried:
     return Carried(*map(np.concatenate, columns))
 
 
+def coasted(before: Any, elapsed: Array) -> Carried:
+    """States at times after a keyframe at its velocity and attitude."""
+    (R_nb,), (p_n,), (v_n,) = parts([before])
+    n = len(elapsed)
+    return Carried(np.tile(R_nb, (n, 1, 1)), np.tile(v_n, (n, 1)), p_n + elapsed[:, None] * v_n)
+
+
 @dataclass(frozen=True)
 class _Pieces:
     """Pieces of time between readings' ends and wanted times, one interval after the other.

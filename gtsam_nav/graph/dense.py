@@ -15,8 +15,9 @@ from gtsam_nav.frames import (
     wrap_angle,
 )
 from gtsam_nav.graph.bridge import Bridge, inertial_bridge, joint_of_neighbours, steady_bridge
-from gtsam_nav.graph.carried import Carried, carried, joined
+from gtsam_nav.graph.carried import Carried, carried, coasted, joined
 from gtsam_nav.graph.factors import B, X
+from gtsam_nav.graph.preintegration import InertialStep
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.trajectory import Trajectory
 
@@ -67,7 +68,8 @@ def _along_motion(problem: Problem, keyframes: Trajectory) -> Trajectory:
     f = ((t - t_key[before]) / (t_key[before + 1] - t_key[before]))[:, None]
     p_own, rpy_own = motion.at(t)
     p_key, rpy_key = motion.at(t_key)
-    turn = wrap_angle(keyframes.rpy - rpy_key)
+    # one that grows past half a turn goes on between two keyframes
+    turn = np.unwrap(wrap_angle(keyframes.rpy - rpy_key), axis=0)
     heading_turns = rotation_from_rpy(turn * [0.0, 0.0, 1.0])
     ends = [
         keyframes.p_n[k] + np.einsum("nij,nj->ni", heading_turns[k], p_own - p_key[k])
@@ -189,12 +191,12 @@ def _bridge(problem: Problem, k: int, t: Array, gained_n: Array) -> Bridge:
 
 def _carried(problem: Problem, values: Any, ks: range, t: list[Array]) -> Carried:
     """States at times into some keyframes by the IMU from the one before each on; where that is
-    silent, by the vehicle's own motion."""
-    by_imu = [(i, k) for i, k in enumerate(ks) if problem.steps[k] is not None]
+    silent, by momentum or the vehicle's own motion."""
+    by_imu = [(i, k) for i, k in enumerate(ks) if isinstance(problem.steps[k], InertialStep)]
     found: list[Carried | None] = [None] * len(ks)
     if by_imu:
         whole = carried(
-            [step for _, k in by_imu if (step := problem.steps[k]) is not None],
+            [step for _, k in by_imu if isinstance(step := problem.steps[k], InertialStep)],
             [values.atNavState(X(k - 1)) for _, k in by_imu],
             [values.atConstantBias(B(k - 1)) for _, k in by_imu],
             [t[i] - problem.t[k - 1] for i, k in by_imu],
@@ -203,9 +205,16 @@ def _carried(problem: Problem, values: Any, ks: range, t: list[Array]) -> Carrie
         for (i, _), one in zip(by_imu, whole.split(ends), strict=True):
             found[i] = one
     return joined(
-        one or _by_own_motion(problem, values.atNavState(X(k - 1)), k, own)
+        one or _without_readings(problem, values.atNavState(X(k - 1)), k, own)
         for one, k, own in zip(found, ks, t, strict=True)
     )
+
+
+def _without_readings(problem: Problem, before: Any, k: int, t: Array) -> Carried:
+    """From the keyframe before k on, where the IMU is silent."""
+    if problem.steps[k] is None:
+        return _by_own_motion(problem, before, k, t)
+    return coasted(before, t - problem.t[k - 1])
 
 
 def _by_own_motion(problem: Problem, before: Any, k: int, t: Array) -> Carried:

@@ -19,6 +19,7 @@ from gtsam.symbol_shorthand import B, G, L, M, S, X
 from gtsam_nav.frames import Array, rotation_from_rpy, skew
 from gtsam_nav.graph.robust import KernelName, Robustness
 from gtsam_nav.registration.result import RelativePose
+from gtsam_nav.sensors.orientation import covariance_b
 
 KEPT_NOISES = 100
 """Of a kind: most factors share theirs with others."""
@@ -118,9 +119,9 @@ def insert(values: Any, key: int, state: Any) -> None:
 def start_prior(
     key: int, state: Any, R_nb: Array, sigma_rpy: Array, sigma_p: Array, sigma_v: float
 ) -> Any:
-    """Prior on attitude, position (its covariance along n) and velocity."""
+    """Prior on attitude, position (both covariances along n) and velocity."""
     cov = np.zeros((9, 9))
-    cov[:3, :3] = np.diag(sigma_rpy**2)
+    cov[:3, :3] = covariance_b(R_nb, sigma_rpy)
     cov[3:6, 3:6] = R_nb.T @ np.diag(sigma_p**2) @ R_nb
     cov[6:, 6:] = sigma_v**2 * np.eye(3)
     return gtsam.PriorFactorNavState(key, state, gtsam.noiseModel.Gaussian.Covariance(cov))
@@ -250,7 +251,9 @@ def _against_compass(compass: int | None, key: int, R_measured: Array, noise: An
 
 def orientation(compass: int | None, key: int, R_measured: Array, sigma_rpy: Array) -> Any:
     """AHRS: the whole orientation against the measured one and the compass's bias."""
-    noise = precisions([*(1 / np.asarray(sigma_rpy) ** 2), *[0] * 6])
+    root = np.zeros((9, 9))
+    root[:3, :3] = np.linalg.cholesky(np.linalg.inv(covariance_b(R_measured, sigma_rpy))).T
+    noise = gtsam.noiseModel.Gaussian.SqrtInformation(root, False)
     return _against_compass(compass, key, R_measured, noise)
 
 

@@ -26,8 +26,8 @@ def _yaw_noise(yaw: float, others: float) -> Any:
 
 
 @lru_cache(maxsize=KEPT_NOISES)
-def _place_noise(place: float, others: float) -> Any:
-    return precisions([*[others] * 3, *[place] * 3, *[others] * 3])
+def _place_noise(place: tuple[float, ...], others: float) -> Any:
+    return precisions([*[others] * 3, *place, *[others] * 3])
 
 
 def compass_prior(key: int, sigma: float) -> Any:
@@ -46,14 +46,17 @@ def compass_pin(key: int) -> Any:
     return gtsam.PriorFactorNavState(key, _ZERO, _yaw_noise(0.0, PIN_PRECISION))
 
 
-def gnss_error_prior(key: int, precision: float) -> Any:
-    """A shared GNSS error about zero: only the position means anything."""
-    return gtsam.PriorFactorNavState(key, _ZERO, _place_noise(precision, PIN_PRECISION))
+def gnss_error_prior(key: int, precision: Array) -> Any:
+    """A shared GNSS error about zero, by its precisions along n, e and d: only the position means
+    anything."""
+    return gtsam.PriorFactorNavState(
+        key, _ZERO, _place_noise(tuple(precision.tolist()), PIN_PRECISION)
+    )
 
 
-def gnss_error_link(a: int, b: int, precision: float) -> Any:
+def gnss_error_link(a: int, b: int, precision: Array) -> Any:
     """Keeps two shared GNSS errors together."""
-    return gtsam.BetweenFactorNavState(a, b, _ZERO, _place_noise(precision, 0.0))
+    return gtsam.BetweenFactorNavState(a, b, _ZERO, _place_noise(tuple(precision.tolist()), 0.0))
 
 
 def landmark_prior(key: int, p_n: Array, sigma: Array) -> Any:

@@ -119,6 +119,10 @@ class InertialStep:
             add(f, omega, dt)
         return pim
 
+    def predicted(self, before: Any, bias: Any) -> Any:
+        """The state that the readings lead to from another."""
+        return self.pim.predict(before, bias)
+
     def at(self, bias: Any) -> InertialStep:
         """The step at another bias; the same where it was integrated near enough to that."""
         if "pim" in vars(self) and self._second_order_sigmas(bias) < SECOND_ORDER_SIGMAS:

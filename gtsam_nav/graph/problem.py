@@ -12,7 +12,9 @@ from numpy.linalg import norm
 
 from gtsam_nav.frames import Array, Origin, rotation_from_rpy
 from gtsam_nav.graph import factors
+from gtsam_nav.graph.coasting import CoastingStep
 from gtsam_nav.graph.factors import B, X
+from gtsam_nav.graph.keyframes import MIN_SPACING_S
 from gtsam_nav.graph.preintegration import InertialStep
 from gtsam_nav.graph.readings import Reading, StateAt, as_given
 from gtsam_nav.graph.robust import GatedRobustness, Robustness
@@ -21,7 +23,7 @@ from gtsam_nav.mission import Rejection
 from gtsam_nav.preprocess.alignment import Alignment
 from gtsam_nav.preprocess.motion import VehicleMotion
 from gtsam_nav.preprocess.strapdown import gravity_at
-from gtsam_nav.series import IntArray
+from gtsam_nav.series import BoolArray, IntArray
 
 RECEIVER_STRIDE = 10**7
 """Apart in the numbering of GNSS errors: more keyframes than any mission has."""
@@ -142,7 +144,8 @@ class Problem:
     hints : list
         Factors on the first keyframe for the causal pass alone.
     steps : list
-        Inertial readings into each keyframe; None where there are none.
+        Inertial readings into each keyframe, or its momentum where they lack; None where neither
+        carries it.
     origin : Origin or None
         Of the navigation frame.
     bias : gtsam.imuBias.ConstantBias or None
@@ -164,7 +167,7 @@ class Problem:
     landmarks : dict of int to int
         Key of each landmark by its id.
     level_landmarks : set of int
-        Those whose depth no sighting tells.
+        Ids of those whose depth no sighting tells.
     range_scales : dict of str to int
         Key of the range scale of each sensor that has one.
     rejections : list of Rejection
@@ -185,7 +188,7 @@ class Problem:
     readings: list[list[Reading]] = field(init=False)
     variables: list[list[tuple[int, Callable[[StateAt], Any]]]] = field(init=False)
     hints: list[Any] = field(default_factory=list)
-    steps: list[InertialStep | None] = field(init=False)
+    steps: list[InertialStep | CoastingStep | None] = field(init=False)
     origin: Origin | None = None
     bias: Any = None
     displacements: list[Displacement] = field(default_factory=list)
@@ -271,6 +274,12 @@ class Problem:
         """Key of the compass frame of keyframe k, if there is one."""
         return self.compass[k] if self.compass else None
 
+    def spans(self, t: Array) -> BoolArray:
+        """Which of given times lie within the keyframes', or at a start or stop that gave way to
+        an anchor."""
+        before, after = self.t[0] - MIN_SPACING_S, self.t[-1] + MIN_SPACING_S
+        return np.asarray((t > before) & (t < after))
+
     def keyframe_nearest(self, t: Array) -> IntArray:
         """Indices of the keyframes nearest to given times."""
         return np.searchsorted(0.5 * (self.t[1:] + self.t[:-1]), t, side="right")
@@ -311,7 +320,7 @@ class Problem:
         velocity, else by the vehicle's own motion."""
         step = self.steps[k]
         if step is not None and not self.measures_velocity:
-            return step.pim.predict(before, bias)
+            return step.predicted(before, bias)
         R_ab, p_a = self.increments
         return factors.moved(before, R_ab[k - 1], p_a[k - 1], self.v_b[k])
 

@@ -30,7 +30,13 @@ def predict(
     residual = Rotation.from_matrix(R_measured.T @ R_bias.T @ state.R_nb).as_rotvec()
     jacobian = np.zeros((3, 9))
     jacobian[:, :3] = _inverse_right_jacobian(residual)
-    return Prediction(residual, jacobian, np.diag(np.asarray(sigma_rpy) ** 2))
+    return Prediction(residual, jacobian, covariance_b(R_measured, sigma_rpy))
+
+
+def covariance_b(R_nb: Array, sigma_rpy: Array) -> Array:
+    """Of an orientation's error in body axes: roll and pitch, alike, are wrong about level axes,
+    yaw is about the vertical."""
+    return np.asarray(R_nb.T @ np.diag(np.asarray(sigma_rpy) ** 2) @ R_nb)
 
 
 def _inverse_right_jacobian(phi: Array) -> Array:

@@ -9,7 +9,7 @@ import gtsam
 import numpy as np
 
 from gtsam_nav.frames import Array, rotation_from_rpy
-from gtsam_nav.graph.carried import carried
+from gtsam_nav.graph.carried import carried, coasted
 from gtsam_nav.graph.preintegration import InertialStep, Readings
 
 EARTH_N = np.array([5e-5, 0.0, -5e-5])
@@ -72,6 +72,15 @@ def test_all_intervals_are_carried_as_each_one_is() -> None:
         assert np.abs(apart - np.eye(3)).max() < 3e-4
         np.testing.assert_allclose(got.v_n[n], state.velocity(), atol=2e-3)
         np.testing.assert_allclose(got.p_n[n], state.position(), atol=3e-3)
+
+
+def test_without_readings_it_keeps_its_velocity_and_attitude() -> None:
+    (before,) = states(np.random.default_rng(4), 1)
+    got = coasted(before, np.array([0.0, 0.5, 2.0]))
+    np.testing.assert_array_equal(got.R_nb, [before.attitude().matrix()] * 3)
+    np.testing.assert_array_equal(got.v_n, [before.velocity()] * 3)
+    way = np.outer([0.0, 0.5, 2.0], before.velocity())
+    np.testing.assert_allclose(got.p_n, before.position() + way)
 
 
 def test_readings_a_tenth_as_long_are_ten_times_as_near() -> None:

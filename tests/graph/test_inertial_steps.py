@@ -9,11 +9,12 @@ import pytest
 from gtsam_nav.config import Config, load_config
 from gtsam_nav.frames import Array, rotation_from_rpy
 from gtsam_nav.graph import factors
+from gtsam_nav.graph.coasting import CoastingStep
 from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.indeterminacy import check_anchored
 from gtsam_nav.graph.measurements import build_problem
 from gtsam_nav.graph.measurements.imu import silences
-from gtsam_nav.graph.preintegration import SECOND_ORDER_SIGMAS
+from gtsam_nav.graph.preintegration import SECOND_ORDER_SIGMAS, InertialStep
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.mission import Constraints, InitialState, Mission, Sensor
 from gtsam_nav.preprocess.alignment import align
@@ -69,7 +70,7 @@ def test_preintegration_predicts_the_next_keyframe(begin: float) -> None:
         R_bs=R_BI,
     )
     step = problem_of(imu, np.array([begin, begin + span_s])).steps[1]
-    assert step is not None
+    assert isinstance(step, InertialStep)
     ends = motion.at(np.array([begin, begin + span_s]))
     before, after = (
         factors.nav_state(R, p, v) for R, p, v in zip(ends.R_nb, ends.p_n, ends.v_n, strict=True)
@@ -93,7 +94,7 @@ def test_readings_are_linear_between_samples_and_held_beyond_them() -> None:
     imu = Sensor(name="imu", type="imu", series=series)
     problem = problem_of(imu, np.array([0.05, 0.45]), mission_origin=False)
     step = problem.steps[1]
-    assert step is not None
+    assert isinstance(step, InertialStep)
     _, gyro, dt = step.readings()
     assert np.sum(dt) == pytest.approx(0.4)
     assert step.span_s == pytest.approx(0.4)
@@ -117,15 +118,15 @@ def test_a_silence_is_bridged_at_constant_velocity_and_said() -> None:
     imu = Sensor(name="imu", type="imu", series=series)
     problem = problem_of(imu, np.array([0.0, 5.0, 8.0, 12.0, 19.99]), mission_origin=False)
     assert [w for w in problem.warnings if "silent from 8.0 s to 12.0 s" in w]
-    working, coasting = problem.steps[2], problem.steps[3]
-    assert working is not None
-    assert coasting is not None
+    working, coasting = problem.steps[1], problem.steps[3]
+    assert isinstance(working, InertialStep)
+    assert isinstance(coasting, CoastingStep)
     R_nb = problem.R_nb[2]
     moving = factors.nav_state(R_nb, np.zeros(3), np.array([2.0, 1.0, 0.0]))
-    after = coasting.pim.predict(moving, problem.bias)
+    after = coasting.predicted(moving, problem.bias)
     np.testing.assert_allclose(after.velocity(), moving.velocity(), atol=1e-9)
     np.testing.assert_allclose(after.position(), 4.0 * moving.velocity(), atol=1e-9)
-    grown = coasting.pim.preintMeasCov() - working.pim.preintMeasCov()
+    grown = coasting.factor.noiseModel().covariance() - working.pim.preintMeasCov()
     assert np.all(np.diag(grown) > 0)
     graph = gtsam.NonlinearFactorGraph()
     for entry in problem.brought(3):
@@ -136,6 +137,29 @@ def test_a_silence_is_bridged_at_constant_velocity_and_said() -> None:
     for k in (2, 3):
         values.insert(B(k), problem.bias)
     assert graph.error(values) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_silent_imu_measures_no_bias() -> None:
+    """Whatever is believed of the biases later, it coasts as before, and tells nothing of them."""
+    t = np.arange(0.0, 20.0, 0.01)
+    t = t[(t < 8.0) | (t > 12.0)]
+    force = np.tile([0.0, 0.0, -9.80665], (len(t), 1))
+    rates = np.tile([0.0, 0.0, 0.05], (len(t), 1))
+    imu = Sensor(name="imu", type="imu", series=ImuSeries(t=t, gyro_i=rates, accel_i=force))
+    problem = problem_of(imu, np.array([0.0, 8.0, 12.0, 19.99]), mission_origin=False)
+    believed = gtsam.imuBias.ConstantBias(np.array([0.3, 0.0, 0.1]), np.array([0.0, 0.0, 0.05]))
+    problem.integrate_at(2, believed)
+    coasting = problem.steps[2]
+    assert isinstance(coasting, CoastingStep)
+    assert coasting.factor.keys() == [X(1), X(2)]
+    tilted = factors.nav_state(R_BI, np.zeros(3), np.array([2.0, 1.0, 0.0]))
+    after = coasting.predicted(tilted, believed)
+    np.testing.assert_allclose(after.attitude().matrix(), R_BI, atol=1e-12)
+    np.testing.assert_allclose(after.velocity(), tilted.velocity(), atol=1e-12)
+    values = gtsam.Values()
+    values.insert(X(1), tilted)
+    values.insert(X(2), after)
+    assert coasting.factor.error(values) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_springs_let_the_bow_rise_as_a_vehicle_on_wheels_speeds_up() -> None:
@@ -168,6 +192,21 @@ def test_springs_let_the_bow_rise_as_a_vehicle_on_wheels_speeds_up() -> None:
     np.testing.assert_allclose(derivative[8], slope[8], rtol=0.02)
 
 
+def test_a_turn_between_two_rests_is_not_forbidden() -> None:
+    """Still at 10 s and at 15 s, on another heading: no rest lasts from the one to the other."""
+    t = np.arange(0.0, 20.0, 0.02)
+    turning = (t > 11.3) & (t < 12.7)
+    gyro_b = np.column_stack([np.zeros((len(t), 2)), np.where(turning, 0.7, 0.0)])
+    force = np.tile([0.0, 0.0, -9.80665], (len(t), 1))
+    imu = Sensor("imu", "imu", ImuSeries(t=t, gyro_i=gyro_b, accel_i=force))
+    resting = Constraints(zero_velocity=True)
+    problem = problem_of(imu, np.array([0.0, 5.0, 10.0, 15.0]), constraints=resting)
+    stated = [
+        [e.gaussian.keys() for e in own if e.sensor == "constraints"] for own in problem.factors
+    ]
+    assert stated == [[[X(0)]], [[X(1)], [X(0), X(1)]], [[X(2)], [X(1), X(2)]], [[X(3)]]]
+
+
 def biased_rest(bias: Array, span_s: float) -> tuple[Problem, object]:
     """A still vehicle whose gyro is biased; that bias, which the problem does not know at first."""
     t = np.arange(0.0, span_s + 0.01, 0.01)
@@ -184,11 +223,11 @@ def test_readings_are_integrated_anew_where_the_bias_is_another() -> None:
     problem, believed = biased_rest(np.array([0.02, 0.0, 0.0]), 5.0)
     still = factors.nav_state(np.eye(3), np.zeros(3), np.zeros(3))
     step = problem.steps[1]
-    assert step is not None
+    assert isinstance(step, InertialStep)
     assert abs(step.pim.predict(still, believed).position()[2]) > 0.05
     problem.integrate_at(1, believed)
     step = problem.steps[1]
-    assert step is not None
+    assert isinstance(step, InertialStep)
     np.testing.assert_allclose(step.pim.predict(still, believed).position(), 0.0, atol=1e-3)
     (imu,) = (e for e in problem.brought(1) if isinstance(e.gaussian, gtsam.ImuFactor2))
     values = gtsam.Values()
@@ -203,14 +242,14 @@ def test_what_the_linear_factor_leaves_out_stays_within_the_noise(moved: float) 
     """Kept where its second order is a small share of the readings' noise, else done anew."""
     problem, believed = biased_rest(np.array([moved, 0.0, 0.0]), 5.0)
     step = problem.steps[1]
-    assert step is not None
+    assert isinstance(step, InertialStep)
     noise_m_s = ImuNoise().accel_noise_density_m_s2_sqrt_hz * np.sqrt(5.0)
     still = factors.nav_state(np.eye(3), np.zeros(3), np.zeros(3))
     left_out_m_s = abs(step.pim.predict(still, believed).velocity()[2])
     assert step._second_order_sigmas(believed) == pytest.approx(left_out_m_s / noise_m_s, rel=0.3)
     problem.integrate_at(1, believed)
     later = problem.steps[1]
-    assert later is not None
+    assert isinstance(later, InertialStep)
     assert (later is step) == (left_out_m_s / noise_m_s < SECOND_ORDER_SIGMAS)
     predicted = later.pim.predict(still, believed)
     assert abs(predicted.velocity()[2]) < 1.5 * SECOND_ORDER_SIGMAS * noise_m_s
@@ -221,7 +260,7 @@ def test_readings_are_not_integrated_before_a_bias_is_believed() -> None:
     check_anchored(problem)
     problem.integrate_at(1, believed)
     step = problem.steps[1]
-    assert step is not None
+    assert isinstance(step, InertialStep)
     np.testing.assert_array_equal(step.pim.biasHat().vector(), believed.vector())
 
 
@@ -233,13 +272,10 @@ def test_coasting_is_no_surer_than_the_readings_it_stands_for() -> None:
     series = ImuSeries(t=t, gyro_i=np.zeros((len(t), 3)), accel_i=force)
     imu = Sensor(name="imu", type="imu", series=series)
     step = problem_of(imu, np.arange(0.0, 20.0, 4.0), mission_origin=False).steps[3]
-    assert step is not None
+    assert isinstance(step, CoastingStep)
     noise = ImuNoise()
     for covariance, density in (
         (step.parameters.getAccelerometerCovariance(), noise.accel_noise_density_m_s2_sqrt_hz),
         (step.parameters.getGyroscopeCovariance(), noise.gyro_noise_density_rad_s_sqrt_hz),
     ):
         np.testing.assert_allclose(covariance, density**2 * np.eye(3))
-    assert step.pim is not None
-    other = gtsam.imuBias.ConstantBias(np.zeros(3), np.array([0.01, 0.0, 0.0]))
-    assert step.at(other) is not step

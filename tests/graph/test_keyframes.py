@@ -6,7 +6,12 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gtsam_nav.config import Config
 from gtsam_nav.graph.keyframes import MIN_SPACING_S, keyframe_times, merged_anchors
+from gtsam_nav.graph.measurements import build_problem
+from gtsam_nav.graph.outset import mission_keyframes, start_and_motion
+from gtsam_nav.mission import Mission, Sensor
+from gtsam_nav.series import DvlSeries, GnssSeries, LandmarkSeries
 
 
 @given(
@@ -40,6 +45,34 @@ def test_scan_beside_an_end_takes_its_place() -> None:
     np.testing.assert_allclose(keyframe_times(0.0, 10.0, beside, 20.0), beside)
     further = np.array([2 * MIN_SPACING_S, 5.0])
     np.testing.assert_allclose(keyframe_times(0.0, 10.0, further, 20.0), [0.0, *further, 10.0])
+
+
+def test_what_is_measured_at_an_end_that_gave_way_stays() -> None:
+    """A fix at the start and at the stop, beside a scan; the last sighting beside another."""
+    t, one = np.arange(0.0, 10.01, 0.5), np.ones(2)
+    known = np.ones(len(t), dtype=bool)
+    dvl = DvlSeries(
+        t=t, v_d=np.zeros((len(t), 3)), sigma=0.1 * known, valid=known, bottom_lock=known
+    )
+    seen = LandmarkSeries(
+        t=[5.0, 9.99],
+        id=[1, 1],
+        range_m=10.0 * one,
+        bearing=0.0 * one,
+        sigma_range=0.1 * one,
+        sigma_bearing=0.01 * one,
+    )
+    fixes = GnssSeries(t=[0.0, 10.0], p_n=np.zeros((2, 3)), sigma=np.ones((2, 3)))
+    series = {"dvl": dvl, "gnss": fixes, "landmarks": seen}
+    mission = Mission("ends", {name: Sensor(name, name, own) for name, own in series.items()})
+    scans, config = np.array([0.03, 9.96]), Config()
+    keyframes = mission_keyframes(mission, scans, np.empty(0), config)
+    assert keyframes[0] == 0.03
+    assert keyframes[-1] == 9.96
+    problem = build_problem(mission, *start_and_motion(mission, config), keyframes, config)
+    first, *_, last = ([reading.t for reading in own] for own in problem.readings)
+    assert first == [0.0]
+    assert last == [10.0, 9.99]
 
 
 def test_scans_on_the_ends_change_nothing() -> None:

@@ -175,6 +175,23 @@ def test_elevations_tell_how_deep_a_landmark_is() -> None:
     assert errors.rmse < 10.0
 
 
+@pytest.mark.parametrize("flat_first", [True, False])
+def test_a_sensor_without_elevations_pins_no_depth_that_another_tells(flat_first: bool) -> None:
+    mission = gn.simulate("submarine", seed=1, duration_s=100.0)
+    told = mission.sensors["landmarks"]
+    assert isinstance(told.series, LandmarkSeries)
+    early = told.series.select(told.series.t < 40.0)
+    flat = replace(told, name="flat", series=replace(early, elevation=None))
+    others = mission.without("landmarks").sensors
+    seeing = (flat, told) if flat_first else (told, flat)
+    both = replace(mission, sensors={**others, **{sensor.name: sensor for sensor in seeing}})
+    learnt = gn.estimate(both, "graph").landmarks
+    assert learnt is not None
+    sigma = np.sqrt(learnt.cov_n[:, 2, 2])
+    assert np.all(sigma > 0)
+    np.testing.assert_array_less(np.abs(learnt.p_n[:, 2] - 80.0), 4.0 * sigma)
+
+
 def test_a_stated_start_places_the_landmarks(robot: Mission) -> None:
     stated = replace(robot, initial=InitialState(np.array([100.0, -50.0, 0.0]), 0.1, 1.0, 0.01))
     solution, local = gn.estimate(stated, "graph"), gn.estimate(robot, "graph")

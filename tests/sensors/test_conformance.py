@@ -298,6 +298,28 @@ def test_the_graph_has_the_same_jacobian(sensor: str, seed: int) -> None:
     np.testing.assert_array_equal(b[unobserved], 0.0)
 
 
+@pytest.mark.parametrize("pitch_deg", [0.0, 25.0, -70.0])
+@pytest.mark.parametrize("roll_deg", [0.0, 40.0])
+def test_a_heading_is_as_sure_about_the_vertical_however_the_body_is_tilted(
+    pitch_deg: float, roll_deg: float
+) -> None:
+    """Level axes have the tilt's sigma, the vertical one the yaw's: of a start, of an AHRS."""
+    R_nb = rotation_from_rpy(np.radians([roll_deg, pitch_deg, 130.0]))
+    sigma_rpy = np.radians([0.5, 0.5, 20.0])
+    state = factors.nav_state(R_nb, np.zeros(3), np.zeros(3))
+    values = gtsam.Values()
+    values.insert(X(0), state)
+    for factor in (
+        factors.orientation(None, X(0), R_nb, sigma_rpy),
+        factors.start_prior(X(0), state, R_nb, sigma_rpy, np.ones(3), 1.0),
+    ):
+        A, _ = factor.linearize(values).jacobian()
+        information_n = R_nb @ (A.T @ A)[:3, :3] @ R_nb.T
+        np.testing.assert_allclose(information_n, np.diag(sigma_rpy**-2.0), rtol=1e-6, atol=1e-3)
+    own = orientation.predict(BodyState(R_nb, np.zeros(3), np.zeros(3)), R_nb, 0.0, sigma_rpy)
+    np.testing.assert_allclose(R_nb @ own.cov @ R_nb.T, np.diag(sigma_rpy**2), atol=1e-12)
+
+
 @pytest.mark.parametrize("sensor", ["gnss_position", "gnss_with_shared_error", "gnss_velocity"])
 @seeds
 def test_what_receivers_measure_seems_to_tell_no_yaw_by_its_noise(sensor: str, seed: int) -> None:

@@ -16,7 +16,7 @@ from gtsam_nav.preprocess.fixes_by_ranges import said_of_side
 from gtsam_nav.preprocess.rest import SPELL_S, Rest, Spells, initial_rest
 from gtsam_nav.preprocess.stated_rest import stated_rests
 from gtsam_nav.sensors.noise import ImuNoise
-from gtsam_nav.series import BoolArray
+from gtsam_nav.series import IntArray
 
 NAME = "constraints"
 PIN_RAD, PIN_M = 1e-3, 1e-3
@@ -78,30 +78,33 @@ def _add_rests(problem: Problem, mission: Mission, config: Config) -> None:
 
 
 def _add_rest(problem: Problem, spells: Spells, imu: Sensor, config: Config) -> None:
-    """No velocity at the keyframes within the spells, and no turn from one to the next."""
+    """No velocity at the keyframes within the spells, and no turn from one to the next within the
+    same rest: between two of them the vehicle may have turned on the spot."""
     noise = ImuNoise.model_validate(imu.noise)
     sigma = config.motion.zero_velocity_sigma_m_s
-    still = _within(problem.t, spells)
-    for k in np.flatnonzero(still).tolist():
+    rest = _rest_at(problem.t, spells)
+    for k in np.flatnonzero(rest >= 0).tolist():
         factor = factors.velocity(X(k), np.zeros(3), sigma)
         problem.add(k, NAME, factor, config.graph.robust.constraints)
-        if k and still[k - 1]:
+        if k and rest[k - 1] == rest[k]:
             span_s = float(problem.t[k] - problem.t[k - 1])
             turn = noise.gyro_noise_density_rad_s_sqrt_hz * np.sqrt(span_s)
             problem.add(k, NAME, factors.no_turn(X(k - 1), X(k), turn))
 
 
-def _within(t: Array, spells: Spells) -> BoolArray:
-    """Which times lie within a spell."""
+def _rest_at(t: Array, spells: Spells) -> IntArray:
+    """Which rest, a row of spells without a break, each time lies in; -1 for none."""
     if not len(spells.t):
-        return np.zeros(len(t), dtype=bool)
+        return np.full(len(t), -1)
+    rest = np.cumsum(np.diff(spells.t, prepend=spells.t[0]) > 1.5 * SPELL_S)
     end = np.searchsorted(spells.t, t).clip(max=len(spells.t) - 1)
-    return np.asarray((t <= spells.t[end]) & (t >= spells.t[end] - SPELL_S))
+    within = (t <= spells.t[end]) & (t >= spells.t[end] - SPELL_S)
+    return np.where(within, rest[end], -1)
 
 
 def _add_steadiness(problem: Problem, rest: Rest) -> None:
     """The mean specific force of the first quiet spells is gravity's: no velocity is gained."""
-    resting = np.flatnonzero(_within(problem.t, rest.spells))
+    resting = np.flatnonzero(_rest_at(problem.t, rest.spells) >= 0)
     if len(resting) < 2:
         return
     a, b = int(resting[0]), int(resting[-1])

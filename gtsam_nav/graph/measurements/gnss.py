@@ -47,8 +47,7 @@ def _within(problem: Problem, gnss: Sensor, lag_s: float = 0.0) -> GnssSeries:
     """Fixes whose time, less a lag, lies within the keyframes'."""
     series = gnss.series
     assert isinstance(series, GnssSeries)
-    t = series.t - lag_s
-    return series.select((t >= problem.t[0]) & (t <= problem.t[-1]))
+    return series.select(problem.spans(series.t - lag_s))
 
 
 def _add_positions(
@@ -154,16 +153,15 @@ def _add_shared_error(
     time_s: float,
 ) -> None:
     keyframes = np.unique(keyframe)
-    sigma = float(np.sqrt(np.mean(alike.shared_sigma[:2] ** 2)))
-    shared = gauss_markov(problem.t[keyframes], sigma, time_s)
+    unit = gauss_markov(problem.t[keyframes], 1.0, time_s)
+    tie, link = (np.outer(own, alike.shared_sigma**-2.0) for own in (unit.tie, unit.link))
     for i, k in enumerate(keyframes.tolist()):
         key = error_key(process, k)
         problem.add_variable(k, key, gtsam.NavState())
-        problem.add(k, name, frame_factors.gnss_error_prior(key, float(shared.tie[i])))
+        problem.add(k, name, frame_factors.gnss_error_prior(key, tie[i]))
         if i:
             previous = error_key(process, int(keyframes[i - 1]))
-            link = frame_factors.gnss_error_link(previous, key, float(shared.link[i - 1]))
-            problem.add(k, name, link)
+            problem.add(k, name, frame_factors.gnss_error_link(previous, key, link[i - 1]))
 
 
 def _add_velocities(

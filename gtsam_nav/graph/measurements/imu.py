@@ -10,6 +10,7 @@ import numpy as np
 
 from gtsam_nav.config import Config
 from gtsam_nav.frames import Array
+from gtsam_nav.graph.coasting import CoastingStep
 from gtsam_nav.graph.factors import B
 from gtsam_nav.graph.measurements.orientation import add_unmeasured_turn
 from gtsam_nav.graph.measurements.velocity import add_velocity
@@ -27,7 +28,6 @@ MAX_IMU_GAP_S = 0.2
 """An interval with a longer silence of the IMU is bridged."""
 HABIT_S = 1.0
 """How long a manoeuvre that a silent IMU misses lasts."""
-COASTING_STEP_S = 0.1
 
 
 def preintegrable(mission: Mission, min_rate_hz: float) -> Sensor | None:
@@ -154,7 +154,7 @@ def _covered(imu: ImuSeries, t_key: Array) -> BoolArray:
     return covered
 
 
-def _coasting(problem: Problem, k: int, gravity_n: Array, imu: Sensor) -> InertialStep:
+def _coasting(problem: Problem, k: int, gravity_n: Array, imu: Sensor) -> CoastingStep:
     """Constant velocity and attitude, as uncertain as this vehicle's habits make them."""
     series = imu.series
     assert isinstance(series, ImuSeries)
@@ -172,12 +172,7 @@ def _coasting(problem: Problem, k: int, gravity_n: Array, imu: Sensor) -> Inerti
         set_covariance(max(2 * HABIT_S * _habit(series.t, readings), density**2) * np.eye(3))
     parameters.setIntegrationCovariance(1e-10 * np.eye(3))
     span_s = float(problem.t[k] - problem.t[k - 1])
-    n = int(np.ceil(span_s / COASTING_STEP_S))
-    # the estimated biases are taken off again
-    force_b = -problem.R_nb[k - 1].T @ gravity_n + problem.bias.accelerometer()
-    accel, gyro = (np.tile(one, (n, 1)) for one in (force_b, problem.bias.gyroscope()))
-    steady = Readings(accel, gyro, np.full(n, span_s / n))
-    return InertialStep(k, problem.bias, parameters, lambda: steady, span_s)
+    return CoastingStep(k, parameters, -problem.R_nb[k - 1].T @ gravity_n, span_s)
 
 
 def _habit(t: Array, readings: Array) -> float:

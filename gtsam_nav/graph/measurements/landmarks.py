@@ -67,16 +67,17 @@ class Sightings:
     ) -> None:
         series = sensor.series
         assert isinstance(series, LandmarkSeries)
-        self.series = series.select((series.t >= problem.t[0]) & (series.t <= problem.t[-1]))
+        self.series = series.select(problem.spans(series.t))
         self.problem, self.sensor, self.known = problem, sensor, known
         self.noise = LandmarkNoise.model_validate(sensor.noise)
         self.ids = trusted_ids(self.series, config.landmarks)
         self.keyframe = problem.keyframe_nearest(self.series.t)
 
-    def is_level(self, landmark: int) -> bool:
-        """Whether a landmark is taken to lie level with the sensor: nothing tells its depth."""
+    @property
+    def is_flat(self) -> bool:
+        """Whether its sightings tell no depth."""
         flat = self.series.bearing is not None or self.problem.planar
-        return flat and self.series.elevation is None and landmark not in self.known
+        return flat and self.series.elevation is None
 
     def entry(self, landmark: int) -> Entry | str:
         """How a landmark enters; why not, where its sightings do not place it."""
@@ -87,7 +88,7 @@ class Sightings:
             spread = np.full(3, max(sigma, LEVEL_M))
             return Entry(int(self.keyframe[own[0]]), lambda _: state, p_n, spread)
         spread = np.full(3, UNKNOWN_M)
-        if self.is_level(landmark):
+        if landmark in self.problem.level_landmarks:
             spread[2] = LEVEL_M
         if self.series.range_m is None or self.series.bearing is None:
             return self._entry_by_views(own, spread)
@@ -162,7 +163,7 @@ class Sightings:
                 problem.landmarks[landmark],
                 sighting(self.series, i),
                 self._mounted(i),
-                level=self.is_level(landmark),
+                level=landmark in problem.level_landmarks,
                 planar=problem.planar,
                 excess=float(excess[i]),
                 scale_key=scale_key,
@@ -196,8 +197,9 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
     """Every sighting with an id, and the landmarks that are seen."""
     known = _surveyed(problem, mission, config)
     sensors = [Sightings(problem, sensor, config, known) for sensor in mission.of_type("landmarks")]
+    problem.level_landmarks = _level(sensors) - set(known)
     entries: dict[int, Entry | str] = {}
-    for own in sensors:
+    for own in sorted(sensors, key=lambda own: own.series.elevation is None):
         for landmark in dict.fromkeys(own.ids[own.ids >= 0].tolist()):
             if isinstance(entries.get(landmark, ""), str):
                 entries[landmark] = own.entry(landmark)
@@ -209,6 +211,15 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
             problem.warnings.append(f"landmark {landmark} is not used: {entry}")
 
 
+def _level(sensors: list[Sightings]) -> set[int]:
+    """Landmarks that are taken to lie level with the sensors that see them: none tells a depth."""
+    flat, others = (
+        {landmark for own in sensors if own.is_flat is told for landmark in own.ids.tolist()}
+        for told in (True, False)
+    )
+    return flat - others
+
+
 def _enter(problem: Problem, own: Sightings, landmark: int, entry: Entry | str) -> None:
     if isinstance(entry, str):
         return
@@ -217,8 +228,6 @@ def _enter(problem: Problem, own: Sightings, landmark: int, entry: Entry | str) 
     problem.variables[entry.k].append((key, entry.first))
     prior = frame_factors.landmark_prior(key, entry.p_n, entry.sigma)
     problem.add(entry.k, own.sensor.name, prior)
-    if own.is_level(landmark):
-        problem.level_landmarks.add(landmark)
 
 
 def _surveyed(problem: Problem, mission: Mission, config: Config) -> dict[int, tuple[Array, float]]:
