@@ -30,6 +30,7 @@ from gtsam_nav.graph.readings import Reading, made
 from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.graph.sensor_posterior import sensor_posterior
 from gtsam_nav.graph.settling import NARROWING, START
+from gtsam_nav.graph.taken import twins_taken
 from gtsam_nav.graph.timing import TimingError, Used, timing_effect, timing_errors
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.alignment import Alignment
@@ -101,7 +102,7 @@ def find_clocks(
         Keyframe times.
     """
     every = timing_errors(mission)
-    idle = tuple(error for error in every if _is_idle(error, mission))
+    idle = tuple(error for error in every if _is_idle(error, mission, config))
     errors = tuple(error for error in every if error not in idle)
     clocks = Clocks(errors, np.zeros(len(errors)), idle)
     if not errors:
@@ -134,10 +135,11 @@ def find_clocks(
     return clocks
 
 
-def _is_idle(error: TimingError, mission: Mission) -> bool:
-    """Whether nothing of a sensor is used: it is empty, or another one measures the velocity."""
+def _is_idle(error: TimingError, mission: Mission, config: Config) -> bool:
+    """Whether nothing of a sensor is used: it is empty, or another one is taken in its place."""
     spare = error.sensor_type in ("dvl", "odometry") and error.sensor != velocity_sensor(mission)
-    return spare or not len(mission.sensors[error.sensor].series)
+    left_out = spare or error.sensor in twins_taken(mission, config)
+    return left_out or not len(mission.sensors[error.sensor].series)
 
 
 def _at_first(config: Config) -> Config:

@@ -28,6 +28,8 @@ from gtsam_nav.sonar.preparation import scans_at_once
 
 TIMELESS = ("imu", "start", constraints.NAME)
 """Factors that no other sensor's time enters."""
+LABELLED = {"attitude": "attitude", "dvl": "velocity", "odometry": "velocity"}
+"""How factors are called whose type has one sensor taken; all others bear their sensor's name."""
 
 Used = tuple[tuple[Reading, Any], ...]
 """Readings in use with their factors, as they follow the problem's own in the solution's graph."""
@@ -81,10 +83,8 @@ class TimingError:
             return ahead, ahead
         if self.sensor_type in ("heading", "attitude") and sensor == "heading":
             return int(self.sensor_type == "heading"), int(self.sensor_type == "attitude")
-        own = {self.sensor, self.sensor_type}
-        if self.sensor_type in ("dvl", "odometry"):
-            own.add("velocity")
-        return int(sensor in own), int(sensor in own)
+        own = int(sensor == LABELLED.get(self.sensor_type, self.sensor))
+        return own, own
 
 
 def timing_errors(mission: Mission) -> tuple[TimingError, ...]:
