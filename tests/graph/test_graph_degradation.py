@@ -163,6 +163,64 @@ def test_imu_gap_is_bridged(mission: Mission) -> None:
     assert rmse_m(solution) < 1.0
 
 
+def silent(mission: Mission, *names: str) -> Mission:
+    """Without the samples of some sensors from 20 s to 50 s."""
+    for name in names:
+        sensor = mission.sensors[name]
+        t = sensor.series.t
+        said = sensor.series.select((t < 20.0) | (t > 50.0))
+        mission = mission.with_sensor(replace(sensor, series=said))
+    return mission
+
+
+@pytest.mark.parametrize("others", [(), ("imu",)], ids=["imu", "no imu"])
+def test_a_depth_is_not_held_while_its_sensor_is_silent(
+    mission: Mission, others: tuple[str, ...]
+) -> None:
+    mission = mission.without("sonar", "landmarks", *others)
+    whole, solution = estimated(mission), estimated(silent(mission, "depth"))
+    assert_sound(solution)
+    read = solution.robust_weights["depth"].t
+    assert not np.any((read > 21.0) & (read < 49.0))
+    assert any("'depth' is silent from " in said for said in solution.warnings)
+    sigma_m, whole_m = (np.interp(35.0, s.trajectory.t, down_sigma(s)) for s in (solution, whole))
+    assert sigma_m > 1.2 * whole_m
+    off_m = solution.trajectory.p_n[:, 2] - whole.trajectory.p_n[:, 2]
+    assert np.all(np.abs(off_m) < 5.0 * down_sigma(solution))
+
+
+def down_sigma(solution: Solution) -> Array:
+    assert solution.trajectory.sigma_p_n is not None
+    return solution.trajectory.sigma_p_n[:, 2]
+
+
+def test_a_tilt_is_not_held_while_its_sensor_is_silent(mission: Mission) -> None:
+    """The IMU carries it; without one it is as vague as where nothing ever measures it."""
+    mission = silent(mission.without("sonar", "landmarks"), "attitude")
+    carried, lost = estimated(mission), estimated(mission.without("imu"))
+    for solution, instead in ((carried, "the IMU carries"), (lost, "nothing tells")):
+        assert_sound(solution)
+        (said,) = [w for w in solution.warnings if w.startswith("'attitude' is silent")]
+        assert said.endswith(f"{instead} roll and pitch")
+    roll_sigma = [np.degrees(np.sqrt(tilt_variance(s).max())) for s in (carried, lost)]
+    assert roll_sigma[0] < 1.0
+    assert roll_sigma[1] > 3.0
+
+
+def tilt_variance(solution: Solution) -> Array:
+    """About the level axes, in the midst of the silence."""
+    trajectory = solution.trajectory
+    assert trajectory.cov_pose_n is not None
+    return np.diagonal(trajectory.cov_pose_n[np.searchsorted(trajectory.t, 35.0)])[3:5]
+
+
+def test_an_imu_that_is_silent_with_the_tilt_is_bridged(mission: Mission) -> None:
+    imu = mission.sensors["imu"]
+    t = imu.series.t
+    gap = mission.with_sensor(replace(imu, series=imu.series.select((t < 30) | (t > 33))))
+    assert_sound(estimated(silent(gap.without("sonar", "landmarks"), "attitude")))
+
+
 def test_short_mission_without_a_scan(mission: Mission) -> None:
     """Three seconds: a start, a stop, no turn of the head in between."""
     solution = estimated(mission.crop(0.0, 3.0))
