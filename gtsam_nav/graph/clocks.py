@@ -34,11 +34,8 @@ from gtsam_nav.graph.taken import twins_taken
 from gtsam_nav.graph.timing import TimingError, Used, timing_effect, timing_errors
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.alignment import Alignment
-from gtsam_nav.preprocess.motion import (
-    VehicleMotion,
-    measures_velocity,
-    velocity_sensor,
-)
+from gtsam_nav.preprocess.motion import VehicleMotion, measures_velocity
+from gtsam_nav.sensors.odometry import velocity_sensor
 from gtsam_nav.solution import ClockOffset, Progress
 
 log = logging.getLogger(__name__)
@@ -137,9 +134,10 @@ def find_clocks(
 
 def _is_idle(error: TimingError, mission: Mission, config: Config) -> bool:
     """Whether nothing of a sensor is used: it is empty, or another one is taken in its place."""
-    spare = error.sensor_type in ("dvl", "odometry") and error.sensor != velocity_sensor(mission)
-    left_out = spare or error.sensor in twins_taken(mission, config)
-    return left_out or not len(mission.sensors[error.sensor].series)
+    sensor = mission.sensors[error.sensor]
+    spare = sensor.type in ("dvl", "odometry") and sensor is not velocity_sensor(mission)
+    left_out = spare or sensor.name in twins_taken(mission, config)
+    return left_out or not len(sensor.series)
 
 
 def _at_first(config: Config) -> Config:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from gtsam_nav.config import Config
 from gtsam_nav.graph.measurements.imu import preintegrable
 from gtsam_nav.mission import Mission, Sensor
-from gtsam_nav.preprocess.motion import velocity_sensor
+from gtsam_nav.sensors.odometry import velocity_sensor
 
 TAKEN_ONCE = ("imu", "dvl", "odometry", "heading", "attitude", "depth")
 """Types of sensor of which the graph takes one; of the others it takes all."""
@@ -13,8 +13,8 @@ TAKEN_ONCE = ("imu", "dvl", "odometry", "heading", "attitude", "depth")
 
 def twins_taken(mission: Mission, config: Config) -> dict[str, Sensor]:
     """The sensor that is taken in place of each that is left out, by the latter's name."""
-    imu = preintegrable(mission, config.graph.imu_min_rate_hz)
-    chosen = {velocity_sensor(mission), imu.name if imu is not None else None}
+    movers = velocity_sensor(mission), preintegrable(mission, config.graph.imu_min_rate_hz)
+    chosen = {sensor.name for sensor in movers if sensor is not None}
     instead = {}
     for kind in TAKEN_ONCE:
         sensors = mission.of_type(kind)

@@ -12,7 +12,7 @@ from test_exported import moved_by_levenberg_marquardt
 import gtsam_nav as gn
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission, Sensor
-from gtsam_nav.series import BeamSeries, ScanSeries
+from gtsam_nav.series import BeamSeries, GnssSeries, ScanSeries
 from gtsam_nav.simulation import SimulationSettings
 from gtsam_nav.solution import Solution
 from gtsam_nav.sonar.defects import WHOLE_SENSOR
@@ -120,6 +120,18 @@ def test_without_gnss_nothing_is_georeferenced(mission: Mission) -> None:
     assert ate.none is None
     assert ate.se2 is not None
     assert ate.se2.rmse < 1.0
+
+
+def test_a_receiver_of_velocities_alone_leaves_the_frame_local(mission: Mission) -> None:
+    gnss = mission.sensors["gnss"]
+    series = gnss.series
+    assert isinstance(series, GnssSeries)
+    useless = replace(series, sigma=np.full((len(series), 3), 2e4))
+    bare = mission.without("sonar", "landmarks").with_sensor(replace(gnss, series=useless))
+    solution = estimated(bare)
+    assert not solution.georeferenced
+    assert solution.trajectory.sigma_p_n is not None
+    assert np.all(solution.trajectory.sigma_p_n[0, :2] < 2.0)
 
 
 def test_dvl_and_sonar_alone(mission: Mission) -> None:
