@@ -201,6 +201,24 @@ def test_a_depth_is_not_held_while_its_sensor_is_silent(
     assert np.all(np.abs(off_m) < 5.0 * down_sigma(solution))
 
 
+@pytest.mark.parametrize(("from_s", "holds"), [(20.0, True), (5.0, False)], ids=["told", "untold"])
+def test_heights_of_fixes_count_from_the_zero_of_a_depth_sensor_that_fell_silent(
+    mission: Mission, from_s: float, holds: bool
+) -> None:
+    """Where the fixes beside it tell that zero; else the accelerometers alone carry the height."""
+    depth, gnss = mission.sensors["depth"], mission.sensors["gnss"]
+    fixes = gnss.series
+    assert isinstance(fixes, GnssSeries)
+    short = replace(depth, series=depth.series.crop(0.0, from_s))
+    mission = mission.without("sonar", "landmarks", "dvl", "odometry").with_sensor(short)
+    higher = replace(fixes, p_n=fixes.p_n - [0.0, 0.0, 40.0])
+    as_stated, lifted = (
+        estimated(mission.with_sensor(replace(gnss, series=series))) for series in (fixes, higher)
+    )
+    np.testing.assert_allclose(lifted.trajectory.p_n, as_stated.trajectory.p_n, atol=0.2)
+    assert (np.max(down_sigma(as_stated)) < 1.0) == holds
+
+
 def down_sigma(solution: Solution) -> Array:
     assert solution.trajectory.sigma_p_n is not None
     return solution.trajectory.sigma_p_n[:, 2]
