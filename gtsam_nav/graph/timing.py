@@ -17,11 +17,12 @@ import numpy as np
 
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.factors import X, parts
+from gtsam_nav.graph.keys import letter_of
 from gtsam_nav.graph.measurements import constraints
 from gtsam_nav.graph.measurements.gnss import VELOCITY_OUTLIER
 from gtsam_nav.graph.problem import Problem, TimingEffect
 from gtsam_nav.graph.readings import Reading
-from gtsam_nav.graph.sensor_posterior import SYMBOL_BITS, keyframe_of, tangent_width
+from gtsam_nav.graph.sensor_posterior import keyframe_of, tangent_width
 from gtsam_nav.mission import Mission
 from gtsam_nav.sensors.noise import GnssNoise
 from gtsam_nav.sonar.preparation import scans_at_once
@@ -185,7 +186,7 @@ class _Course:
         slopes, first = np.zeros((len(b), 2)), 0
         for key in list(linear.keys()):
             width = tangent_width(key)
-            if chr(key >> SYMBOL_BITS) == "x":
+            if letter_of(key) == "x":
                 slopes += A[:, first : first + width] @ self._rates(keyframe_of(key), t)
             first += width
         return slopes
