@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import gtsam
 import numpy as np
 
 from gtsam_nav.frames import Array
@@ -18,6 +17,7 @@ from gtsam_nav.graph.backend import Covariances
 from gtsam_nav.graph.dissection import fronts_of
 from gtsam_nav.graph.elimination import Elimination, pattern_of
 from gtsam_nav.graph.factors import X
+from gtsam_nav.graph.keys import letter_of
 from gtsam_nav.graph.multifrontal import Factor
 from gtsam_nav.graph.sensor_posterior import (
     free_part,
@@ -93,7 +93,7 @@ def _nodes(columns: dict[int, slice], values: Any) -> tuple[IntArray, Array]:
 
 
 def _is_landmark(key: int) -> bool:
-    return chr(gtsam.Symbol(key).chr()) == "l"
+    return letter_of(key) == "l"
 
 
 def _whole_tangents(keys: tuple[int, ...], cov: Array) -> Array:

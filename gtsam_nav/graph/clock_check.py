@@ -12,11 +12,11 @@ from copy import copy
 from dataclasses import replace
 from typing import Any
 
-import gtsam
 import numpy as np
 
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.backend import graph_of
+from gtsam_nav.graph.keys import letter_of
 from gtsam_nav.graph.problem import Problem, TimingEffect
 from gtsam_nav.graph.sensor_posterior import sensor_posterior, tangent_width
 from gtsam_nav.graph.settling import Settled
@@ -115,7 +115,7 @@ def _turned(factor: Any, values: Any) -> Array:
     linear = factor.linearize(values)
     A, first = linear.jacobian()[0], 0
     for key in list(linear.keys()):
-        if chr(gtsam.Symbol(key).chr()) == "x":
+        if letter_of(key) == "x":
             down_b = values.atNavState(key).attitude().matrix()[2]
             return np.asarray(-A[:, first : first + 3] @ down_b)
         first += tangent_width(key)

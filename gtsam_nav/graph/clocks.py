@@ -22,22 +22,21 @@ from gtsam_nav.frames import Array
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.backend import graph_of
 from gtsam_nav.graph.factors import X
+from gtsam_nav.graph.keys import letter_of
 from gtsam_nav.graph.least_squares import solve_batch
 from gtsam_nav.graph.measurements import build_problem
 from gtsam_nav.graph.measurements.imu import own_motion
 from gtsam_nav.graph.problem import Problem
-from gtsam_nav.graph.readings import Reading, made
+from gtsam_nav.graph.readings import made
 from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.graph.sensor_posterior import sensor_posterior
 from gtsam_nav.graph.settling import NARROWING, START
+from gtsam_nav.graph.taken import twins_taken
 from gtsam_nav.graph.timing import TimingError, Used, timing_effect, timing_errors
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.alignment import Alignment
-from gtsam_nav.preprocess.motion import (
-    VehicleMotion,
-    measures_velocity,
-    velocity_sensor,
-)
+from gtsam_nav.preprocess.motion import VehicleMotion, measures_velocity
+from gtsam_nav.sensors.odometry import velocity_sensor
 from gtsam_nav.solution import ClockOffset, Progress
 
 log = logging.getLogger(__name__)
@@ -101,7 +100,7 @@ def find_clocks(
         Keyframe times.
     """
     every = timing_errors(mission)
-    idle = tuple(error for error in every if _is_idle(error, mission))
+    idle = tuple(error for error in every if _is_idle(error, mission, config))
     errors = tuple(error for error in every if error not in idle)
     clocks = Clocks(errors, np.zeros(len(errors)), idle)
     if not errors:
@@ -134,10 +133,12 @@ def find_clocks(
     return clocks
 
 
-def _is_idle(error: TimingError, mission: Mission) -> bool:
-    """Whether nothing of a sensor is used: it is empty, or another one measures the velocity."""
-    spare = error.sensor_type in ("dvl", "odometry") and error.sensor != velocity_sensor(mission)
-    return spare or not len(mission.sensors[error.sensor].series)
+def _is_idle(error: TimingError, mission: Mission, config: Config) -> bool:
+    """Whether nothing of a sensor is used: it is empty, or another one is taken in its place."""
+    sensor = mission.sensors[error.sensor]
+    spare = sensor.type in ("dvl", "odometry") and sensor is not velocity_sensor(mission)
+    left_out = spare or sensor.name in twins_taken(mission, config)
+    return left_out or not len(sensor.series)
 
 
 def _at_first(config: Config) -> Config:
@@ -152,7 +153,7 @@ def _start(problem: Problem, before: Any) -> Any:
 
     def keep(key: int, first: Any) -> None:
         if before is not None and before.exists(key):
-            kind = "ConstantBias" if chr(gtsam.Symbol(key).chr()) == "b" else "NavState"
+            kind = "ConstantBias" if letter_of(key) == "b" else "NavState"
             first = getattr(before, f"at{kind}")(key)
         factors.insert(values, key, first)
 
@@ -168,20 +169,16 @@ def _narrowed(problem: Problem, values: Any, width: float) -> float:
     if np.isfinite(width):
         return max(1.0, width / NARROWING)
     worst = 1.0
-    gated = [reading for reading in _readings(problem) if reading.is_gated]
+    gated = [reading for reading in problem.all_readings if reading.is_gated]
     for factor in made(gated, values.atNavState):
         worst = max(worst, float(np.linalg.norm(factor.whitenedError(values))))
     return max(1.0, worst / START.scale)
 
 
-def _readings(problem: Problem) -> list[Reading]:
-    return [reading for brought in problem.readings for reading in brought]
-
-
 def _factors(problem: Problem, values: Any, gated: Robustness) -> tuple[Used, Any]:
     """Readings with their factors, the gated ones under a kernel; and the whole graph."""
     graph = graph_of(problem.entries)
-    readings, used = _readings(problem), []
+    readings, used = problem.all_readings, []
     for reading, gaussian in zip(readings, made(readings, values.atNavState), strict=True):
         factor = factors.robust(gaussian, gated if reading.is_gated else reading.robustness)
         used.append((reading, factor))

@@ -32,10 +32,9 @@ UNMEASURED_M, UNMEASURED_RATIO = 1.0, 10.0
 
 def fixes(problem: Problem, settled: Settled) -> tuple[int, int]:
     """Number of fixes with a position, and of those that were believed."""
-    readings = (reading for brought in problem.readings for reading in brought)
     every, used = (
         len({(r.sensor, r.index) for r in some if r.reason == POSITION_OUTLIER})
-        for some in (readings, settled.used)
+        for some in (problem.all_readings, settled.used)
     )
     return every, used
 

@@ -14,6 +14,7 @@ from gtsam_nav.errors import EstimationError
 from gtsam_nav.frames import Array
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import X
+from gtsam_nav.graph.keys import index_of, letter_of
 from gtsam_nav.graph.problem import RECEIVER_STRIDE, Problem
 from gtsam_nav.graph.readings import made
 from gtsam_nav.graph.sensor_posterior import tangent_width
@@ -44,8 +45,8 @@ def check_anchored(problem: Problem) -> None:
     first = np.concatenate([[0], np.cumsum(widths)])
     part = _connected(graph, keys)
     for label in range(int(part.max()) + 1):
-        members = [n for n in np.flatnonzero(part == label).tolist() if _kind(keys[n]) in "xl"]
-        keyframes = [_index(keys[n]) for n in members if _kind(keys[n]) == "x"]
+        members = [n for n in np.flatnonzero(part == label).tolist() if letter_of(keys[n]) in "xl"]
+        keyframes = [index_of(keys[n]) for n in members if letter_of(keys[n]) == "x"]
         if not keyframes:
             continue
         gauge = np.zeros((int(first[-1]), 4))
@@ -80,8 +81,7 @@ def _first_linearisation(problem: Problem) -> tuple[Any, Any]:
         if problem.steps[k] is not None:
             link = gtsam.BetweenFactorNavState(X(k - 1), X(k), gtsam.NavState(), nothing)
             graph.add(link)
-    readings = [reading for brought in problem.readings for reading in brought]
-    for factor in made(readings, values.atNavState):
+    for factor in made(problem.all_readings, values.atNavState):
         graph.add(factor)
     return graph, values
 
@@ -136,7 +136,7 @@ def states_named(problem: Problem) -> Iterator[None]:
 
 
 def _state(problem: Problem, key: int) -> str:
-    kind, index = _kind(key), _index(key)
+    kind, index = letter_of(key), index_of(key)
     if kind == "l":
         names = [str(name) for name, own in problem.landmarks.items() if own == key]
         brought = [k for k, new in enumerate(problem.variables) if any(v == key for v, _ in new)]
@@ -155,14 +155,6 @@ def _state(problem: Problem, key: int) -> str:
 def _sensors_of(problem: Problem, key: int) -> list[str]:
     """Sensors with a factor on a state, or a reading at its keyframe, in order of the graph."""
     sensors = [e.sensor for e in problem.entries if key in e.gaussian.keys()]  # noqa: SIM118
-    if _kind(key) == "x":
-        sensors += [reading.sensor for reading in problem.readings[_index(key)]]
+    if letter_of(key) == "x":
+        sensors += [reading.sensor for reading in problem.readings[index_of(key)]]
     return list(dict.fromkeys(sensors))
-
-
-def _kind(key: int) -> str:
-    return chr(gtsam.Symbol(key).chr())
-
-
-def _index(key: int) -> int:
-    return int(gtsam.Symbol(key).index())

@@ -173,8 +173,7 @@ def _as_guessed(problem: Problem, values: Any) -> Any:
 def _cost(problem: Problem, values: Any) -> float:
     """Of all factors, and of the readings under the kernels that they have at first."""
     graph = graph_of(problem.entries)
-    readings = [reading for brought in problem.readings for reading in brought]
-    graph.push_back(at_first(readings, values.atNavState))
+    graph.push_back(at_first(problem.all_readings, values.atNavState))
     return float(graph.error(values))
 
 

@@ -17,6 +17,7 @@ from gtsam_nav.graph.clocks import Clocks, find_clocks
 from gtsam_nav.graph.keyframes import keyframe_times, merged_anchors
 from gtsam_nav.graph.measurements.imu import own_motion, preintegrable, silences
 from gtsam_nav.graph.robust import check_sigmas
+from gtsam_nav.graph.taken import twins_taken
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.alignment import Alignment, align
 from gtsam_nav.preprocess.compass_steps import without_compass_steps
@@ -31,7 +32,6 @@ from gtsam_nav.preprocess.motion import (
     measures_velocity,
     offset_from_fixes,
     turn_onto_fixes,
-    velocity_sensor,
 )
 from gtsam_nav.preprocess.planar_motion import planar_motion
 from gtsam_nav.sensors.orientation import headings_true
@@ -48,9 +48,6 @@ COMPASS_INTERVAL_S = 2.0
 to all others in it; ..."""
 MOST_BY_COMPASS = 3600
 """... and no more than these: those of a longer mission are further apart."""
-
-TAKEN_ONCE = ("imu", "dvl", "odometry", "heading", "attitude", "depth")
-"""Types of sensor of which the graph takes one; of the others it takes all."""
 
 
 @dataclass(frozen=True)
@@ -92,17 +89,11 @@ def made_ready(mission: Mission, config: Config, clock: StageClock, progress: Pr
 
 def _idle_twins(mission: Mission, config: Config) -> Iterator[str]:
     """Sensors that are left out because another of their type is taken."""
-    imu = preintegrable(mission, config.graph.imu_min_rate_hz)
-    taken = {velocity_sensor(mission), imu.name if imu is not None else None}
-    for kind in TAKEN_ONCE:
-        sensors = mission.of_type(kind)
-        first = next((s for s in sensors if s.name in taken), next(iter(sensors), None))
-        for sensor in sensors:
-            if sensor is not first and first is not None:
-                yield (
-                    f"'{sensor.name}' is left out: of several sensors of type {kind} the graph"
-                    f" takes one, '{first.name}'"
-                )
+    for name, taken in twins_taken(mission, config).items():
+        yield (
+            f"'{name}' is left out: of several sensors of type {taken.type} the graph takes one,"
+            f" '{taken.name}'"
+        )
 
 
 def _with_one_imu(mission: Mission, config: Config) -> Mission:

@@ -231,6 +231,11 @@ class Problem:
             every += self.brought(k)
         return every
 
+    @property
+    def all_readings(self) -> list[Reading]:
+        """All readings in the order of their keyframes."""
+        return [reading for brought in self.readings for reading in brought]
+
     def brought(self, k: int) -> list[SensorFactor]:
         """The factors that keyframe k brings, its inertial readings preintegrated."""
         step = self.steps[k]

@@ -19,14 +19,13 @@ from gtsam_nav.graph.backend import planar_rows
 from gtsam_nav.graph.dissection import fronts_of
 from gtsam_nav.graph.elimination import Elimination
 from gtsam_nav.graph.factors import X
+from gtsam_nav.graph.keys import index_of, letter_of
 from gtsam_nav.graph.multifrontal import Factor
 from gtsam_nav.graph.problem import RECEIVER_STRIDE, Problem
 from gtsam_nav.series import IntArray
 
 CALIBRATION = ("scale", "misalignment_rad")
 """The constant errors of the sensor of the velocity."""
-SYMBOL_BITS = 56
-"""Of a GTSAM key, that hold a symbol's index; its letter stands above them."""
 TANGENTS = {
     "b": (6, slice(0, 6)),
     "m": (9, slice(2, 3)),
@@ -308,7 +307,7 @@ def _tangent(key: int) -> tuple[int, slice]:
     Of a compass frame only the yaw is, of a GNSS error or a landmark only the position, of a range
     scale only the first component of that; the rest is pinned.
     """
-    return TANGENTS.get(chr(key >> SYMBOL_BITS), (9, slice(0, 9)))
+    return TANGENTS.get(letter_of(key), (9, slice(0, 9)))
 
 
 def free_part(key: int) -> slice:
@@ -343,6 +342,6 @@ def _columns(keys: tuple[int, ...]) -> tuple[dict[int, slice], IntArray]:
 
 def keyframe_of(key: int) -> int:
     """Keyframe that a variable belongs to; beyond all of them for what belongs to none."""
-    if chr(key >> SYMBOL_BITS) in "ls":
+    if letter_of(key) in "ls":
         return RECEIVER_STRIDE
-    return (key & ((1 << SYMBOL_BITS) - 1)) % RECEIVER_STRIDE
+    return index_of(key) % RECEIVER_STRIDE

@@ -172,7 +172,7 @@ class _Batch:
         for entry in entries:
             start = entry.gaussian if entry.sensor in TRUSTED else entry.at_first
             self.graph.add(start if at_first else entry.factor)
-        self.readings = [reading for brought in problem.readings for reading in brought]
+        self.readings = problem.all_readings
         self.gated = np.array([reading.is_gated for reading in self.readings], dtype=bool)
         cuts = np.array([r.robustness.kernel in CUTTING for r in self.readings], dtype=bool)
         self.doubted = self.gated | cuts

@@ -17,17 +17,20 @@ import numpy as np
 
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.factors import X, parts
+from gtsam_nav.graph.keys import letter_of
 from gtsam_nav.graph.measurements import constraints
 from gtsam_nav.graph.measurements.gnss import VELOCITY_OUTLIER
 from gtsam_nav.graph.problem import Problem, TimingEffect
 from gtsam_nav.graph.readings import Reading
-from gtsam_nav.graph.sensor_posterior import SYMBOL_BITS, keyframe_of, tangent_width
+from gtsam_nav.graph.sensor_posterior import keyframe_of, tangent_width
 from gtsam_nav.mission import Mission
 from gtsam_nav.sensors.noise import GnssNoise
 from gtsam_nav.sonar.preparation import scans_at_once
 
 TIMELESS = ("imu", "start", constraints.NAME)
 """Factors that no other sensor's time enters."""
+LABELLED = {"attitude": "attitude", "dvl": "velocity", "odometry": "velocity"}
+"""How factors are called whose type has one sensor taken; all others bear their sensor's name."""
 
 Used = tuple[tuple[Reading, Any], ...]
 """Readings in use with their factors, as they follow the problem's own in the solution's graph."""
@@ -81,10 +84,8 @@ class TimingError:
             return ahead, ahead
         if self.sensor_type in ("heading", "attitude") and sensor == "heading":
             return int(self.sensor_type == "heading"), int(self.sensor_type == "attitude")
-        own = {self.sensor, self.sensor_type}
-        if self.sensor_type in ("dvl", "odometry"):
-            own.add("velocity")
-        return int(sensor in own), int(sensor in own)
+        own = int(sensor == LABELLED.get(self.sensor_type, self.sensor))
+        return own, own
 
 
 def timing_errors(mission: Mission) -> tuple[TimingError, ...]:
@@ -185,7 +186,7 @@ class _Course:
         slopes, first = np.zeros((len(b), 2)), 0
         for key in list(linear.keys()):
             width = tangent_width(key)
-            if chr(key >> SYMBOL_BITS) == "x":
+            if letter_of(key) == "x":
                 slopes += A[:, first : first + width] @ self._rates(keyframe_of(key), t)
             first += width
         return slopes

@@ -68,7 +68,7 @@ def weighed(
     """
     believed = {id(reading) for reading in used}
     rows = list(_of_entries(problem, matches, values))
-    readings = [reading for brought in problem.readings for reading in brought]
+    readings = problem.all_readings
     for reading, factor in zip(readings, made(readings, values.atNavState), strict=True):
         e, kernel = _norm(factor, values), reading.robustness.kernel
         is_used = id(reading) in believed

@@ -9,7 +9,7 @@ import numpy as np
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, rotation_from_rpy, wrap_angle
 from gtsam_nav.mission import Mission
-from gtsam_nav.preprocess.first_fixes import first_fixes, located
+from gtsam_nav.preprocess.first_fixes import first_fixes, locating_receiver
 from gtsam_nav.sensors.orientation import headings_true, tilt_at
 from gtsam_nav.series import DepthSeries, GnssSeries, ImuSeries
 
@@ -157,10 +157,10 @@ class StartFix:
 
 def start_fix(mission: Mission) -> StartFix | None:
     """The first fix that those after it bear out; None where no fix tells a position."""
-    gnss = mission.first("gnss")
-    series = None if gnss is None else gnss.series
-    if gnss is None or not isinstance(series, GnssSeries) or not np.any(located(series)):
+    gnss = locating_receiver(mission)
+    if gnss is None:
         return None
-    series = series.select(located(series))
+    series = gnss.series
+    assert isinstance(series, GnssSeries)
     k = first_fixes(series).first
     return StartFix(float(series.t[k]), series.p_n[k], series.sigma[k], gnss.xyz_b)

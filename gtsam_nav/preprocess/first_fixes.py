@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
 from gtsam_nav.frames import Array
+from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.series import BoolArray, GnssSeries, IntArray
 
 COMPARED, SPACING_S, WITHIN_S = 7, 0.5, 15.0
@@ -71,6 +72,16 @@ def first_fixes(series: GnssSeries) -> FirstFixes:
 def located(series: GnssSeries) -> BoolArray:
     """Which fixes tell a position, shape (n,)."""
     return np.asarray(np.all(series.sigma[:, :2] < USELESS_SIGMA_M, axis=1))
+
+
+def locating_receiver(mission: Mission) -> Sensor | None:
+    """The first receiver whose fixes tell a position, with these alone; None without any."""
+    for receiver in mission.of_type("gnss"):
+        series = receiver.series
+        assert isinstance(series, GnssSeries)
+        if np.any(located(series)):
+            return replace(receiver, series=series.select(located(series)))
+    return None
 
 
 def spaced(series: GnssSeries, within_s: float) -> IntArray:

@@ -30,7 +30,8 @@ class GnssSettings(Settings):
     gaps_s : tuple of (float, float)
         With ``gaps``: fixes of these half-open spans are withheld.
     use_height : bool
-        Use GNSS height although the mission has a depth sensor.
+        Use GNSS height although the mission has a depth sensor. (`graph` uses it anyway while that
+        sensor is silent.)
     use_velocity : bool
         Use the receiver's velocities where it gives them.
     reject_outliers : bool

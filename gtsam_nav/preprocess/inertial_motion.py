@@ -14,6 +14,7 @@ from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, earth_rate_n, rotation_from_rpy, rpy_from_rotation
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.alignment import Alignment, at_rest
+from gtsam_nav.preprocess.first_fixes import locating_receiver
 from gtsam_nav.preprocess.levelling import MAX_GAP_S, Readings, levelled, readings_of
 from gtsam_nav.preprocess.measured_turns import heading_less_turn
 from gtsam_nav.preprocess.motion import VehicleMotion, motion_grid
@@ -51,12 +52,14 @@ def inertial_motion(mission: Mission, start: Alignment, settings: MotionSettings
             f" IMU; the mission has: {mission.aboard}{beside}"
         )
     readings = readings_of(imu)
-    fixes = mission.first("gnss")
+    fixes = locating_receiver(mission) or mission.first("gnss")
     if fixes is None or len(fixes.series) < 2:
         rpy, p_n, v_n, bias_b = _unaided(mission, readings, imu, start)
     else:
         rpy, bias_b = _attitude(mission, readings, imu, fixes, start)
         p_n, v_n = _onto_fixes(mission, readings, rpy, fixes)
+        if locating_receiver(mission) is None:
+            p_n = p_n + start.p_n - p_n[0]
     t = motion_grid(mission, start, settings)
 
     def at(values: Array) -> Array:

@@ -15,14 +15,16 @@ from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, quaternion_from_rpy, rotation_from_rpy
 from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.preprocess.alignment import Alignment
+from gtsam_nav.preprocess.first_fixes import locating_receiver
 from gtsam_nav.preprocess.levelling import tilt_by
 from gtsam_nav.preprocess.measured_turns import measured_turns
 from gtsam_nav.preprocess.settings import MotionSettings
 from gtsam_nav.sensors.dvl import BodyVelocities, body_velocities
+from gtsam_nav.sensors.odometry import velocity_sensor
 from gtsam_nav.sensors.orientation import tilt_at
 from gtsam_nav.sensors.prediction import chi2_limit
 from gtsam_nav.sensors.rates import angular_rate_b
-from gtsam_nav.series import BoolArray, DvlSeries, GnssSeries, OdometrySeries
+from gtsam_nav.series import BoolArray, GnssSeries, OdometrySeries
 from gtsam_nav.trajectory import Trajectory, record_times
 
 SPREAD_SIGMAS = 5.0
@@ -105,17 +107,6 @@ def measures_velocity(mission: Mission) -> bool:
     return velocity_sensor(mission) is not None
 
 
-def velocity_sensor(mission: Mission) -> str | None:
-    """Name of the sensor that the speed is taken from: the first DVL that has two valid readings,
-    else odometry."""
-    for sensor in (*mission.of_type("dvl"), *mission.of_type("odometry")):
-        series = sensor.series
-        n = np.count_nonzero(series.valid) if isinstance(series, DvlSeries) else len(series)
-        if n >= 2:
-            return sensor.name
-    return None
-
-
 def vehicle_motion(
     mission: Mission, start: Alignment, settings: MotionSettings, fast_imu: Sensor | None = None
 ) -> VehicleMotion:
@@ -174,7 +165,7 @@ def turn_onto_fixes(mission: Mission, motion: VehicleMotion) -> float | None:
     The least-squares rotation between both tracks; the fixes must spread over well more than
     their own noise.
     """
-    gnss = mission.first("gnss")
+    gnss = locating_receiver(mission)
     if gnss is None:
         return None
     series = gnss.series
@@ -196,7 +187,7 @@ def offset_from_fixes(mission: Mission, motion: VehicleMotion) -> Array:
 
     The median of all: the first one may be an outlier, and so may half of the others.
     """
-    gnss = mission.first("gnss")
+    gnss = locating_receiver(mission)
     if gnss is None:
         return np.zeros(3)
     series = gnss.series

@@ -14,7 +14,8 @@ from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.sensors.declination import declination_deg
 from gtsam_nav.sensors.noise import HeadingNoise
 from gtsam_nav.sensors.prediction import BodyState, Prediction
-from gtsam_nav.series import AttitudeSeries, HeadingSeries
+from gtsam_nav.sensors.silences import speaks_at
+from gtsam_nav.series import AttitudeSeries, BoolArray, HeadingSeries
 
 UNMEASURED_TILT_SIGMA_RAD = np.radians(10.0)
 """Roll and pitch of a mission that does not measure them: a vehicle that is stable in both."""
@@ -117,4 +118,11 @@ def tilt_at(mission: Mission, t: Array) -> tuple[Array, Array]:
     series = sensor.series
     assert isinstance(series, AttitudeSeries)
     tilt = np.stack([np.interp(t, series.t, a) for a in (series.roll, series.pitch)], axis=1)
-    return tilt, np.interp(t, series.t, series.sigma)
+    sigma = np.interp(t, series.t, series.sigma)
+    return tilt, np.where(speaks_at(sensor, mission, t), sigma, UNMEASURED_TILT_SIGMA_RAD)
+
+
+def measures_tilt_at(mission: Mission, t: Array) -> BoolArray:
+    """At which times (n,) an AHRS tells roll and pitch."""
+    sensor = mission.first("attitude")
+    return np.zeros(len(t), dtype=bool) if sensor is None else speaks_at(sensor, mission, t)

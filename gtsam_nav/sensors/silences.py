@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from gtsam_nav.frames import Array
+from gtsam_nav.mission import Mission, Sensor
+from gtsam_nav.series import BoolArray
+
+USUAL_STEPS, LEAST_S = 5.0, 1.0
+"""A sensor whose samples are further apart than so many usual steps, and so long, is silent."""
 
 
 def silent_spells(t: Array, from_s: float, to_s: float, longest_s: float) -> Array:
@@ -22,3 +29,38 @@ def silent_spells(t: Array, from_s: float, to_s: float, longest_s: float) -> Arr
     marks = np.concatenate([[from_s], t[(t > from_s) & (t < to_s)], [to_s]])
     long = np.flatnonzero(np.diff(marks) > longest_s)
     return np.column_stack([marks[long], marks[long + 1]])
+
+
+def silences(sensor: Sensor, mission: Mission) -> Array:
+    """First and last moment of each silence of one of a mission's sensors, shape (k, 2), s.
+
+    What has a single sample holds it for good.
+    """
+    longest_s = max(USUAL_STEPS * _usual_step_s(sensor), LEAST_S)
+    return silent_spells(sensor.series.t, *mission.span_s, longest_s)
+
+
+def speaks_at(sensor: Sensor, mission: Mission, t: Array) -> BoolArray:
+    """At which times (n,) its samples tell something: all but those deep within a silence."""
+    spells, stamps = silences(sensor, mission), sensor.series.t
+    if not len(spells):
+        return np.ones(len(t), dtype=bool)
+    begin, end = spells[np.maximum(np.searchsorted(spells[:, 0], t, side="right") - 1, 0)].T
+    after = np.searchsorted(stamps, t).clip(1, len(stamps) - 1)
+    nearest_s = np.min(np.abs([stamps[after - 1] - t, stamps[after] - t]), axis=0)
+    return np.asarray((t < begin) | (t > end) | (nearest_s <= _usual_step_s(sensor)))
+
+
+def said_of_silences(sensor: Sensor, mission: Mission, instead: str) -> Iterator[str]:
+    """A warning of what is silent for a time, and of what carries the estimate then."""
+    spells = silences(sensor, mission)
+    if len(spells):
+        lasts_s = spells[:, 1] - spells[:, 0]
+        begin, end = spells[np.argmax(lasts_s)]
+        longest = "" if len(spells) == 1 else f" {len(spells)} times, the longest"
+        yield f"'{sensor.name}' is silent{longest} from {begin:.1f} s to {end:.1f} s: {instead}"
+
+
+def _usual_step_s(sensor: Sensor) -> float:
+    t = sensor.series.t
+    return float(np.median(np.diff(t))) if len(t) > 1 else np.inf

@@ -12,7 +12,7 @@ from test_exported import moved_by_levenberg_marquardt
 import gtsam_nav as gn
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission, Sensor
-from gtsam_nav.series import BeamSeries, ScanSeries
+from gtsam_nav.series import BeamSeries, GnssSeries, ScanSeries
 from gtsam_nav.simulation import SimulationSettings
 from gtsam_nav.solution import Solution
 from gtsam_nav.sonar.defects import WHOLE_SENSOR
@@ -122,6 +122,18 @@ def test_without_gnss_nothing_is_georeferenced(mission: Mission) -> None:
     assert ate.se2.rmse < 1.0
 
 
+def test_a_receiver_of_velocities_alone_leaves_the_frame_local(mission: Mission) -> None:
+    gnss = mission.sensors["gnss"]
+    series = gnss.series
+    assert isinstance(series, GnssSeries)
+    useless = replace(series, sigma=np.full((len(series), 3), 2e4))
+    bare = mission.without("sonar", "landmarks").with_sensor(replace(gnss, series=useless))
+    solution = estimated(bare)
+    assert not solution.georeferenced
+    assert solution.trajectory.sigma_p_n is not None
+    assert np.all(solution.trajectory.sigma_p_n[0, :2] < 2.0)
+
+
 def test_dvl_and_sonar_alone(mission: Mission) -> None:
     """Nothing measures heading, attitude, depth or position."""
     lost = ("gnss", "heading", "attitude", "depth", "imu", "odometry", "landmarks")
@@ -161,6 +173,82 @@ def test_imu_gap_is_bridged(mission: Mission) -> None:
     solution = estimated(gap)
     assert_sound(solution)
     assert rmse_m(solution) < 1.0
+
+
+def silent(mission: Mission, *names: str) -> Mission:
+    """Without the samples of some sensors from 20 s to 50 s."""
+    for name in names:
+        sensor = mission.sensors[name]
+        t = sensor.series.t
+        said = sensor.series.select((t < 20.0) | (t > 50.0))
+        mission = mission.with_sensor(replace(sensor, series=said))
+    return mission
+
+
+@pytest.mark.parametrize("others", [(), ("imu",)], ids=["imu", "no imu"])
+def test_a_depth_is_not_held_while_its_sensor_is_silent(
+    mission: Mission, others: tuple[str, ...]
+) -> None:
+    mission = mission.without("sonar", "landmarks", *others)
+    whole, solution = estimated(mission), estimated(silent(mission, "depth"))
+    assert_sound(solution)
+    read = solution.robust_weights["depth"].t
+    assert not np.any((read > 21.0) & (read < 49.0))
+    assert any("'depth' is silent from " in said for said in solution.warnings)
+    sigma_m, whole_m = (np.interp(35.0, s.trajectory.t, down_sigma(s)) for s in (solution, whole))
+    assert sigma_m > 1.2 * whole_m
+    off_m = solution.trajectory.p_n[:, 2] - whole.trajectory.p_n[:, 2]
+    assert np.all(np.abs(off_m) < 5.0 * down_sigma(solution))
+
+
+@pytest.mark.parametrize(("from_s", "holds"), [(20.0, True), (5.0, False)], ids=["told", "untold"])
+def test_heights_of_fixes_count_from_the_zero_of_a_depth_sensor_that_fell_silent(
+    mission: Mission, from_s: float, holds: bool
+) -> None:
+    """Where the fixes beside it tell that zero; else the accelerometers alone carry the height."""
+    depth, gnss = mission.sensors["depth"], mission.sensors["gnss"]
+    fixes = gnss.series
+    assert isinstance(fixes, GnssSeries)
+    short = replace(depth, series=depth.series.crop(0.0, from_s))
+    mission = mission.without("sonar", "landmarks", "dvl", "odometry").with_sensor(short)
+    higher = replace(fixes, p_n=fixes.p_n - [0.0, 0.0, 40.0])
+    as_stated, lifted = (
+        estimated(mission.with_sensor(replace(gnss, series=series))) for series in (fixes, higher)
+    )
+    np.testing.assert_allclose(lifted.trajectory.p_n, as_stated.trajectory.p_n, atol=0.2)
+    assert (np.max(down_sigma(as_stated)) < 1.0) == holds
+
+
+def down_sigma(solution: Solution) -> Array:
+    assert solution.trajectory.sigma_p_n is not None
+    return solution.trajectory.sigma_p_n[:, 2]
+
+
+def test_a_tilt_is_not_held_while_its_sensor_is_silent(mission: Mission) -> None:
+    """The IMU carries it; without one it is as vague as where nothing ever measures it."""
+    mission = silent(mission.without("sonar", "landmarks"), "attitude")
+    carried, lost = estimated(mission), estimated(mission.without("imu"))
+    for solution, instead in ((carried, "the IMU carries"), (lost, "nothing tells")):
+        assert_sound(solution)
+        (said,) = [w for w in solution.warnings if w.startswith("'attitude' is silent")]
+        assert said.endswith(f"{instead} roll and pitch")
+    roll_sigma = [np.degrees(np.sqrt(tilt_variance(s).max())) for s in (carried, lost)]
+    assert roll_sigma[0] < 1.0
+    assert roll_sigma[1] > 3.0
+
+
+def tilt_variance(solution: Solution) -> Array:
+    """About the level axes, in the midst of the silence."""
+    trajectory = solution.trajectory
+    assert trajectory.cov_pose_n is not None
+    return np.diagonal(trajectory.cov_pose_n[np.searchsorted(trajectory.t, 35.0)])[3:5]
+
+
+def test_an_imu_that_is_silent_with_the_tilt_is_bridged(mission: Mission) -> None:
+    imu = mission.sensors["imu"]
+    t = imu.series.t
+    gap = mission.with_sensor(replace(imu, series=imu.series.select((t < 30) | (t > 33))))
+    assert_sound(estimated(silent(gap.without("sonar", "landmarks"), "attitude")))
 
 
 def test_short_mission_without_a_scan(mission: Mission) -> None:

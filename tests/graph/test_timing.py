@@ -106,6 +106,22 @@ def test_a_lag_is_of_the_velocities_alone() -> None:
     assert LAG.shares(problem(), "other", VELOCITY_OUTLIER) == (0, 0)
 
 
+def test_an_offset_is_of_no_other_sensor_of_its_type() -> None:
+    """Even where that one bears the type's name."""
+    second = TimingError("gnss2", "gnss", "time_offset", 0.5)
+    assert second.shares(problem(), "gnss2", "") == (1, 1)
+    assert second.shares(problem(), "gnss", "") == (0, 0)
+
+
+@pytest.mark.parametrize(
+    ("kind", "label"), [("dvl", "velocity"), ("odometry", "velocity"), ("attitude", "attitude")]
+)
+def test_an_offset_is_of_the_factors_that_are_called_by_its_type(kind: str, label: str) -> None:
+    error = TimingError("port", kind, "time_offset", 0.5)
+    assert error.shares(problem(), label, "") == (1, 1)
+    assert error.shares(problem(), "depth", "") == (0, 0)
+
+
 def test_an_orientation_is_put_together_of_two_sensors() -> None:
     """Its yaw keeps the compass's time, roll and pitch the other's; together they move on."""
     measured = state(0.99).attitude().matrix()
@@ -195,12 +211,19 @@ def test_a_doubted_clock_of_a_sensor_that_is_not_used_is_named_too(laps: Mission
     assert any("time offset of sensor 'gnss' cannot be told" in w for w in solution.warnings)
 
 
-def test_a_doubted_clock_of_odometry_beside_a_dvl_is_undetermined() -> None:
+@pytest.mark.parametrize("spare", ["odometry", "depth2", "dvl2", "compass2"])
+def test_a_doubted_clock_of_a_sensor_that_gives_way_is_undetermined(spare: str) -> None:
+    """The sensor in its place, which is late, may bear the type's name."""
     mission = gn.simulate("marina", seed=4, duration_s=20.0).without("sonar", "landmarks")
-    solution = gn.estimate(doubted(mission, "odometry", 0.4, sigma_s=0.5), "graph")
-    offset = found(solution, "odometry")
+    for kind, twin in (("depth", "depth2"), ("dvl", "dvl2"), ("heading", "compass2")):
+        if twin == spare:
+            sensor = mission.sensors[kind]
+            late = replace(sensor, series=sensor.series.shift(0.4))
+            mission = mission.with_sensor(late).with_sensor(replace(sensor, name=twin))
+    solution = gn.estimate(doubted(mission, spare, 0.4, sigma_s=0.5), "graph")
+    offset = found(solution, spare)
     assert (offset.offset_s, offset.sigma_s, offset.observed) == (0.0, 0.5, False)
-    assert any("time offset of sensor 'odometry' cannot be told" in w for w in solution.warnings)
+    assert any(f"time offset of sensor '{spare}' cannot be told" in w for w in solution.warnings)
 
 
 def test_an_offset_far_beyond_its_stated_sigma_is_named() -> None:

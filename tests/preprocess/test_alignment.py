@@ -96,6 +96,21 @@ def test_without_fixes_the_frame_is_local() -> None:
     np.testing.assert_array_equal(start.sigma_p, [UNKNOWN_SIGMA_M] * 3)
 
 
+def velocities_alone() -> Sensor:
+    """A receiver that states its positions to be useless."""
+    series = GnssSeries(t=T, p_n=same([0.0] * 3), sigma=same([2e4] * 3), v_n=same([0.0] * 3))
+    return Sensor("doppler", "gnss", series)
+
+
+def test_a_receiver_of_velocities_alone_tells_no_place() -> None:
+    alone = mission("gnss", "depth").with_sensor(velocities_alone())
+    assert not align(alone).georeferenced
+    np.testing.assert_array_equal(align(alone).sigma_p, [UNKNOWN_SIGMA_M] * 3)
+    beside = alone.with_sensor(sensors()["gnss"])
+    assert align(beside).georeferenced
+    np.testing.assert_array_equal(align(beside).p_n, align(mission("depth")).p_n)
+
+
 def test_without_depth_the_fix_has_the_height() -> None:
     start = align(mission("depth"))
     R_nb = rotation_from_rpy(RPY)

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from gtsam_nav.frames import Array
-from gtsam_nav.preprocess.first_fixes import ANY_SPEED_M_S, first_fixes, located
+from gtsam_nav.mission import Mission, Sensor
+from gtsam_nav.preprocess.first_fixes import (
+    ANY_SPEED_M_S,
+    first_fixes,
+    located,
+    locating_receiver,
+)
 from gtsam_nav.series import GnssSeries
 
 V_N = np.array([3.0, -4.0, 0.0])
@@ -55,3 +61,16 @@ def test_what_states_no_position_is_not_located() -> None:
     np.testing.assert_array_equal(
         located(GnssSeries(t=series.t, p_n=series.p_n, sigma=sigma)), [True, False, True]
     )
+
+
+def test_a_receiver_of_velocities_alone_locates_nothing() -> None:
+    series, names = fixes(3), ("doppler", "gps")
+    useless = GnssSeries(t=series.t, p_n=series.p_n, sigma=np.full((3, 3), 2e4), v_n=series.p_n)
+    late = np.where(np.arange(3)[:, None] < 1, 2e4, np.ones((3, 3)))
+    some = GnssSeries(t=series.t, p_n=series.p_n, sigma=late)
+    doppler, gps = (Sensor(n, "gnss", s) for n, s in zip(names, (useless, some), strict=True))
+    assert locating_receiver(Mission("m", {"doppler": doppler})) is None
+    found = locating_receiver(Mission("m", {"doppler": doppler, "gps": gps}))
+    assert found is not None
+    assert found.name == "gps"
+    np.testing.assert_array_equal(found.series.t, series.t[1:])

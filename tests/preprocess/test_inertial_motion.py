@@ -15,7 +15,7 @@ from gtsam_nav.mission import InitialState, Mission
 from gtsam_nav.preprocess.alignment import align
 from gtsam_nav.preprocess.inertial_motion import inertial_motion
 from gtsam_nav.preprocess.motion import VehicleMotion
-from gtsam_nav.series import ReferenceSeries
+from gtsam_nav.series import GnssSeries, ReferenceSeries
 
 
 def blind(mission: Mission) -> Mission:
@@ -59,6 +59,19 @@ def test_a_stated_heading_goes_before_the_course(laps: Mission) -> None:
     """A vehicle that drifts sideways does not point where it goes."""
     stated = replace(blind(laps).without("heading"), initial=InitialState(heading=1.2))
     assert guess(stated).rpy[0, 2] == pytest.approx(1.2)
+
+
+def test_positions_that_are_stated_to_be_useless_do_not_move_it(laps: Mission) -> None:
+    """It begins at the local frame's zero, or follows another receiver."""
+    gnss = laps.sensors["gnss"]
+    series = gnss.series
+    assert isinstance(series, GnssSeries)
+    useless = replace(series, p_n=np.zeros((len(series), 3)), sigma=np.full((len(series), 3), 2e4))
+    doppler = replace(gnss, name="doppler", series=useless)
+    alone = blind(laps).without("gnss").with_sensor(doppler)
+    np.testing.assert_allclose(guess(alone).p_n[0], 0.0, atol=0.1)
+    both = guess(alone.with_sensor(gnss))
+    np.testing.assert_array_equal(both.p_n, guess(blind(laps)).p_n)
 
 
 def test_without_fixes_it_is_inertial_navigation() -> None:

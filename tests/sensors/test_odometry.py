@@ -1,6 +1,8 @@
-"""Odometry: a velocity without a vertical part, and how well it is calibrated."""
+"""Which sensor tells the velocity, and how well it is calibrated."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,11 +15,11 @@ DVL = Sensor(
     "dvl",
     "dvl",
     DvlSeries(
-        t=np.zeros(1),
-        v_d=np.zeros((1, 3)),
-        sigma=np.ones(1),
-        valid=np.ones(1, dtype=bool),
-        bottom_lock=np.ones(1, dtype=bool),
+        t=np.arange(2.0),
+        v_d=np.zeros((2, 3)),
+        sigma=np.ones(2),
+        valid=np.ones(2, dtype=bool),
+        bottom_lock=np.ones(2, dtype=bool),
     ),
     noise={"scale_sigma": 0.002, "misalignment_sigma_deg": 2.0},
 )
@@ -25,14 +27,16 @@ ODOMETRY = Sensor(
     "odometry",
     "odometry",
     OdometrySeries(
-        t=np.zeros(1),
-        v_b=np.zeros((1, 2)),
-        yaw_rate=np.zeros(1),
-        sigma_v=np.ones(1),
-        sigma_yaw_rate=np.ones(1),
+        t=np.arange(2.0),
+        v_b=np.zeros((2, 2)),
+        yaw_rate=np.zeros(2),
+        sigma_v=np.ones(2),
+        sigma_yaw_rate=np.ones(2),
     ),
     noise={"scale_sigma": 0.05, "misalignment_sigma_deg": 3.0},
 )
+UNLOCKED = replace(DVL.series, valid=np.zeros(2, dtype=bool))
+BLIND = replace(DVL, name="blind", noise={}, series=UNLOCKED)
 
 
 @pytest.mark.parametrize(
@@ -40,9 +44,11 @@ ODOMETRY = Sensor(
     [
         ([DVL, ODOMETRY], 0.002, 2.0),
         ([ODOMETRY], 0.05, 3.0),
+        ([BLIND, ODOMETRY], 0.05, 3.0),
+        ([BLIND, DVL], 0.002, 2.0),
         ([], 0.03, 0.5),
     ],
-    ids=["the DVL goes before", "odometry alone", "neither"],
+    ids=["the DVL goes before", "odometry alone", "a blind DVL", "a second DVL", "neither"],
 )
 def test_the_calibration_is_that_of_what_tells_the_velocity(
     sensors: list[Sensor], scale: float, misalignment_deg: float

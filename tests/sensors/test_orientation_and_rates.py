@@ -9,7 +9,7 @@ import pytest
 
 from gtsam_nav.frames import Array, rotation_from_rpy, wrap_angle
 from gtsam_nav.mission import Mission, Sensor
-from gtsam_nav.sensors.orientation import headings_true, tilt_at
+from gtsam_nav.sensors.orientation import headings_true, measures_tilt_at, tilt_at
 from gtsam_nav.sensors.rates import angular_rate_b, mean_gyro_bias_b
 from gtsam_nav.series import AttitudeSeries, HeadingSeries, ImuSeries, OdometrySeries
 
@@ -68,6 +68,17 @@ def test_tilt_that_nobody_measures_is_level_and_vague() -> None:
     tilt, sigma = tilt_at(mission(), np.arange(3.0))
     np.testing.assert_array_equal(tilt, np.zeros((3, 2)))
     np.testing.assert_array_equal(sigma, np.radians(10.0))
+
+
+def test_tilt_is_vague_in_a_silence() -> None:
+    t = np.concatenate([np.arange(0.0, 1.0, 0.1), np.arange(9.0, 10.0, 0.1)])
+    level, sigma = np.zeros(len(t)), np.full(len(t), 0.01)
+    series = AttitudeSeries(t=t, roll=level, pitch=level, sigma=sigma)
+    at = np.array([0.5, 5.0, 9.5])
+    known = mission(Sensor("a", "attitude", series))
+    np.testing.assert_allclose(tilt_at(known, at)[1], [0.01, np.radians(10.0), 0.01])
+    np.testing.assert_array_equal(measures_tilt_at(known, at), [True, False, True])
+    assert not np.any(measures_tilt_at(mission(), at))
 
 
 def test_rates_come_from_the_imu_first() -> None:

@@ -2,25 +2,61 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from gtsam_nav.config import Config
+from gtsam_nav.frames import Array, rotation_from_rpy
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.mission import Mission
-from gtsam_nav.series import DepthSeries
+from gtsam_nav.sensors.silences import said_of_silences, speaks_at
+from gtsam_nav.series import BoolArray, DepthSeries, GnssSeries
+
+LEAST_COMPARED = 10
+"""Fixes beside a depth sensor that tell where on its scale a receiver has its zero."""
 
 
 def add(problem: Problem, mission: Mission, config: Config) -> None:
-    """The depth at each keyframe."""
+    """The depth at each keyframe but those within a silence of the sensor."""
     sensor = mission.first("depth")
     if sensor is None:
         return
     series = sensor.series
     assert isinstance(series, DepthSeries)
     depth_m, sigma = (np.interp(problem.t, series.t, of) for of in (series.depth_m, series.sigma))
-    for k, t in enumerate(problem.t.tolist()):
+    for k in np.flatnonzero(speaks_at(sensor, mission, problem.t)).tolist():
         factor = factors.depth(X(k), float(depth_m[k]), sensor.xyz_b, float(sigma[k]))
-        row = series.row_nearest(t)
+        row = series.row_nearest(problem.t[k])
         problem.add_gated(k, sensor.name, row, factor, config.graph.robust.depth)
+    problem.warnings += said_of_silences(sensor, mission, "the other sensors carry the depth")
+
+
+def tells_depth_at(mission: Mission, t: Array) -> BoolArray:
+    """At which times (n,) a depth sensor tells the depth."""
+    sensor = mission.first("depth")
+    return np.zeros(len(t), dtype=bool) if sensor is None else speaks_at(sensor, mission, t)
+
+
+def beside_gauge(
+    problem: Problem, mission: Mission, antenna_b: Array, fixes: GnssSeries
+) -> tuple[GnssSeries, BoolArray]:
+    """Fixes whose heights are on the scale of the depth sensor, and which of these give way to it.
+
+    A receiver's zero need not lie on the water: all give way where too few tell how far off it is.
+    """
+    sensor = mission.first("depth")
+    if sensor is None:
+        return fixes, np.zeros(len(fixes), dtype=bool)
+    told = speaks_at(sensor, mission, fixes.t)
+    if np.all(told) or np.count_nonzero(told) < LEAST_COMPARED:
+        return fixes, np.ones(len(fixes), dtype=bool)
+    series = sensor.series
+    assert isinstance(series, DepthSeries)
+    _, rpy = problem.motion.at(fixes.t)
+    below_m = rotation_from_rpy(rpy)[:, 2] @ (antenna_b - sensor.xyz_b)
+    antenna_m = np.interp(fixes.t, series.t, series.depth_m) + below_m
+    zero_m = np.median((fixes.p_n[:, 2] - antenna_m)[told])
+    return replace(fixes, p_n=fixes.p_n - [0.0, 0.0, zero_m]), told

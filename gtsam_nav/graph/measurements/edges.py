@@ -20,7 +20,7 @@ from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.graph.scan_matching import LOOP
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.edge_motion import moves_by_edges
-from gtsam_nav.preprocess.motion import velocity_sensor
+from gtsam_nav.sensors.odometry import velocity_sensor
 from gtsam_nav.series import BoolArray
 from gtsam_nav.trajectory import SAME_TIME_S
 
@@ -114,7 +114,7 @@ def left_open(t_keyframes: Array, mission: Mission) -> BoolArray:
     together = coo_array((np.ones(len(ends)), ends.T.astype(np.int32)), shape=(n, n))
     if connected_components(together.tocsr(), directed=False)[0] > 1:
         return np.zeros(n - 1, dtype=bool)
-    before = np.searchsorted(mission.sensors[sensor].series.t, t_keyframes)
+    before = np.searchsorted(sensor.series.t, t_keyframes)
     return np.asarray(np.diff(before) == 0)
 
 

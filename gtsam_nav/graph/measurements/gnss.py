@@ -14,6 +14,7 @@ from gtsam_nav.frames import Array, rotation_from_rpy
 from gtsam_nav.graph import factors, frame_factors
 from gtsam_nav.graph.factors import G, X
 from gtsam_nav.graph.gauss_markov import gauss_markov
+from gtsam_nav.graph.measurements.depth import beside_gauge, tells_depth_at
 from gtsam_nav.graph.problem import RECEIVER_STRIDE, Problem
 from gtsam_nav.graph.readings import Maker, Reading, StateAt, as_given
 from gtsam_nav.graph.robust import GatedRobustness
@@ -33,14 +34,13 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
     """All fixes of all receivers, each at the keyframe nearest in time.
 
     The vehicle's own motion carries them there. GNSS height and vertical velocity give way to a
-    depth sensor.
+    depth sensor that speaks.
     """
-    level = mission.first("depth") is not None and not config.gnss.use_height
     processes = count()
     for receiver in mission.of_type("gnss"):
-        _add_positions(problem, receiver, processes, level, config.graph.robust.gnss)
+        _add_positions(problem, mission, receiver, processes, config)
         if config.gnss.use_velocity:
-            _add_velocities(problem, mission, receiver, level, config.graph.robust.gnss_velocity)
+            _add_velocities(problem, mission, receiver, config)
 
 
 def _within(problem: Problem, gnss: Sensor, lag_s: float = 0.0) -> GnssSeries:
@@ -51,11 +51,7 @@ def _within(problem: Problem, gnss: Sensor, lag_s: float = 0.0) -> GnssSeries:
 
 
 def _add_positions(
-    problem: Problem,
-    gnss: Sensor,
-    processes: Iterator[int],
-    level: bool,
-    robustness: GatedRobustness,
+    problem: Problem, mission: Mission, gnss: Sensor, processes: Iterator[int], config: Config
 ) -> None:
     """Antenna positions; an error that fixes share is a state of its own.
 
@@ -69,8 +65,9 @@ def _add_positions(
     keyframe = problem.keyframe_nearest(series.t)
     carried = problem.motion.displacement_variance(series.t, problem.t[keyframe])
     sigma = np.sqrt(white_sigma(series, noise) ** 2 + carried[:, None])
-    if level:
-        sigma[:, 2] = np.inf
+    if not config.gnss.use_height:
+        series, by_gauge = beside_gauge(problem, mission, gnss.xyz_b, series)
+        sigma[by_gauge, 2] = np.inf
     arm_b = _arms(problem, gnss, series.t, keyframe)
     for alike in alike_fixes(series, noise):
         at, arms, own = keyframe[alike.which], arm_b[alike.which], sigma[alike.which]
@@ -83,6 +80,7 @@ def _add_positions(
         else:
             rows = zip(at.tolist(), fixes.p_n, arms, own, strict=True)
             maker = as_given([factors.gnss(X(k), p_n, arm, s) for k, p_n, arm, s in rows])
+        robustness = config.graph.robust.gnss
         _add_readings(problem, gnss.name, fixes, at, maker, robustness, POSITION_OUTLIER)
 
 
@@ -164,9 +162,7 @@ def _add_shared_error(
             problem.add(k, name, frame_factors.gnss_error_link(previous, key, link[i - 1]))
 
 
-def _add_velocities(
-    problem: Problem, mission: Mission, gnss: Sensor, level: bool, robustness: GatedRobustness
-) -> None:
+def _add_velocities(problem: Problem, mission: Mission, gnss: Sensor, config: Config) -> None:
     """Antenna velocities, which belong to a time before their fix."""
     noise = GnssNoise.model_validate(gnss.noise)
     series = _within(problem, gnss, noise.velocity_lag_s)
@@ -185,8 +181,8 @@ def _add_velocities(
     turning_b = np.cross(omega_b, gnss.xyz_b)
     carried = CARRIED_ACCELERATION_M_S2 * (t - problem.t[keyframe])
     sigma = np.hypot(noise.sigma_velocity_m_s, carried)[:, None] * np.ones(3)
-    if level:
-        sigma[:, 2] = np.inf
+    if not config.gnss.use_height:
+        sigma[tells_depth_at(mission, t), 2] = np.inf
 
     def make(rows: Sequence[int], state_at: StateAt) -> list[Any]:
         keys = [int(X(int(keyframe[i]))) for i in rows]
@@ -195,4 +191,5 @@ def _add_velocities(
             for i, key in zip(rows, keys, strict=True)
         ]
 
+    robustness = config.graph.robust.gnss_velocity
     _add_readings(problem, gnss.name, series, keyframe, make, robustness, VELOCITY_OUTLIER)

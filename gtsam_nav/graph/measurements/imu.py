@@ -21,6 +21,7 @@ from gtsam_nav.preprocess.alignment import Alignment
 from gtsam_nav.preprocess.motion import VehicleMotion, measures_velocity, vehicle_motion
 from gtsam_nav.preprocess.strapdown import gravity_at
 from gtsam_nav.sensors.noise import ImuNoise
+from gtsam_nav.sensors.orientation import measures_tilt_at
 from gtsam_nav.sensors.silences import silent_spells
 from gtsam_nav.series import BoolArray, ImuSeries
 
@@ -67,7 +68,7 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
     if config.graph.imu_preintegration == "combined":
         walking = imu_parameters(imu, mission.origin, combined=True)
     covered = _covered(series, problem.t)
-    has_tilt = mission.first("attitude") is not None
+    has_tilt = measures_tilt_at(mission, problem.t)
     for k in range(1, len(problem.t)):
         before_s, t_s = problem.t[k - 1 : k + 1].tolist()
         if covered[k - 1]:
@@ -80,7 +81,7 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
                 t_s - before_s,
                 walking=walking and walking(g_n),
             )
-        elif problem.measures_velocity and has_tilt:
+        elif problem.measures_velocity and has_tilt[k - 1] and has_tilt[k]:
             add_velocity(problem, k, config)
             add_unmeasured_turn(problem, k)
         else:

@@ -18,25 +18,34 @@ from gtsam_nav.graph.readings import Reading, StateAt
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.edge_motion import edges_in_space
 from gtsam_nav.sensors.noise import HeadingNoise
-from gtsam_nav.sensors.orientation import headings_true, tilt_at
+from gtsam_nav.sensors.orientation import headings_true, measures_tilt_at, tilt_at
+from gtsam_nav.sensors.silences import said_of_silences
 from gtsam_nav.series import IntArray
 
 UNMEASURED_TURN_RAD2_S = np.radians(3.0) ** 2
 """Growth of the variance of a turn that neither gyro nor compass saw."""
 
+Averaged = tuple[Array, Array, IntArray]
+"""Heading at each keyframe, rad, its sigma, and the row of its first reading."""
+
 
 def add(problem: Problem, mission: Mission, config: Config) -> None:
     """Headings where there is a compass; roll and pitch unless forces or edges tell them."""
     told = problem.uses_imu or edges_in_space(mission)
-    measures_tilt = mission.first("attitude") is not None or not told
+    by_ahrs = measures_tilt_at(mission, problem.t) | (not told)
     if problem.has_compass:
         _add_compass(problem, mission)
-        add_one = _add_orientations if measures_tilt else _add_headings
-        add_one(problem, mission, config)
-    elif measures_tilt and not problem.planar:
+        headings = _averaged_headings(problem, mission)
+        _add_orientations(problem, mission, headings, np.flatnonzero(by_ahrs), config)
+        _add_headings(problem, headings, np.flatnonzero(~by_ahrs), config)
+    elif not problem.planar:
         tilt, sigma = tilt_at(mission, problem.t)
-        for k in range(len(problem.t)):
+        for k in np.flatnonzero(by_ahrs).tolist():
             _add_tilt(problem, mission, k, tilt[k], float(sigma[k]), config)
+    attitude = mission.first("attitude")
+    if attitude is not None:
+        instead = "the IMU carries" if problem.uses_imu else "nothing tells"
+        problem.warnings += said_of_silences(attitude, mission, f"{instead} roll and pitch")
 
 
 def _add_compass(problem: Problem, mission: Mission) -> None:
@@ -71,12 +80,14 @@ def _frame_before(k: int) -> Callable[[StateAt], Any]:
     return lambda state_at: state_at(M(k - 1)) if k else gtsam.NavState()
 
 
-def _add_orientations(problem: Problem, mission: Mission, config: Config) -> None:
-    """Heading, roll and pitch of an AHRS as one orientation."""
-    yaw, sigma_yaw, row = _averaged_headings(problem, mission)
+def _add_orientations(
+    problem: Problem, mission: Mission, headings: Averaged, keyframes: IntArray, config: Config
+) -> None:
+    """Heading, roll and pitch of an AHRS as one orientation, at given keyframes."""
+    yaw, sigma_yaw, row = headings
     tilt, sigma_tilt = tilt_at(mission, problem.t)
     R_measured = rotation_from_rpy(np.column_stack([tilt, yaw]))
-    for k in range(len(problem.t)):
+    for k in keyframes.tolist():
         if np.isfinite(sigma_yaw[k]):
             sigmas = np.array([sigma_tilt[k], sigma_tilt[k], sigma_yaw[k]])
             factor = factors.orientation(problem.compass_at(k), X(k), R_measured[k], sigmas)
@@ -86,9 +97,12 @@ def _add_orientations(problem: Problem, mission: Mission, config: Config) -> Non
             add_unmeasured_turn(problem, k)
 
 
-def _add_headings(problem: Problem, mission: Mission, config: Config) -> None:
-    """Headings alone; their factors take roll and pitch from the present estimate."""
-    yaw, sigma, row = _averaged_headings(problem, mission)
+def _add_headings(
+    problem: Problem, headings: Averaged, keyframes: IntArray, config: Config
+) -> None:
+    """Headings alone, at given keyframes; their factors take roll and pitch from the present
+    estimate."""
+    yaw, sigma, row = headings
     measured = list(zip(yaw.tolist(), sigma.tolist(), strict=True))
 
     def make(rows: Sequence[int], state_at: StateAt) -> list[Any]:
@@ -98,7 +112,7 @@ def _add_headings(problem: Problem, mission: Mission, config: Config) -> None:
             for k, R in zip(rows, R_nb, strict=True)
         ]
 
-    for k in np.flatnonzero(np.isfinite(sigma)).tolist():
+    for k in keyframes[np.isfinite(sigma[keyframes])].tolist():
         reading = Reading(
             t=float(problem.t[k]),
             sensor="heading",
@@ -120,7 +134,7 @@ def add_unmeasured_turn(problem: Problem, k: int) -> None:
             problem.add(b, "heading", factors.turn(X(a), X(b), R_ab[a], precision))
 
 
-def _averaged_headings(problem: Problem, mission: Mission) -> tuple[Array, Array, IntArray]:
+def _averaged_headings(problem: Problem, mission: Mission) -> Averaged:
     """Heading at each keyframe from the readings nearest to it, its sigma, and the first's row.
 
     The readings are carried to the keyframe by the vehicle's own turn; half before, half after,

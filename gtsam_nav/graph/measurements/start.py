@@ -11,6 +11,7 @@ from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.alignment import at_rest
+from gtsam_nav.preprocess.first_fixes import locating_receiver
 from gtsam_nav.sensors.orientation import UNMEASURED_TILT_SIGMA_RAD
 
 VAGUE_M, VAGUE_RAD, VAGUE_M_S = 1e3, np.pi, 30.0
@@ -35,7 +36,7 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
     shows_yaw = has_gnss and (start.heading_known or not problem.measures_velocity)
     if mission.initial.heading is None and (problem.has_compass or shows_yaw):
         sigma_rpy[2] = VAGUE_RAD
-    if has_gnss and mission.initial.p_n is None:
+    if locating_receiver(mission) is not None and mission.initial.p_n is None:
         hint = factors.position_prior(X(0), problem.p_n[0], FIXES_SIGMAS * sigma_p)
         problem.hints.append(hint)
         sigma_p[:] = VAGUE_M

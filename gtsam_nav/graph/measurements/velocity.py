@@ -15,7 +15,7 @@ from gtsam_nav.preprocess.depth_by_ranges import DIVE_M_SQRT_S
 from gtsam_nav.preprocess.edge_motion import moves_by_edges
 from gtsam_nav.sensors.dvl import water_spells
 from gtsam_nav.sensors.noise import DvlNoise
-from gtsam_nav.sensors.odometry import velocity_calibration_sigma
+from gtsam_nav.sensors.odometry import velocity_calibration_sigma, velocity_sensor
 from gtsam_nav.series import BoolArray
 
 
@@ -42,8 +42,8 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
 
 def _through_water(problem: Problem, mission: Mission, config: Config) -> tuple[Array, float]:
     """How long each interval lies within each spell of water lock, s; the current's sigma, m/s."""
-    dvl = mission.first("dvl")
-    if dvl is None:
+    dvl = velocity_sensor(mission)
+    if dvl is None or dvl.type != "dvl":
         return np.zeros((0, len(problem.t) - 1)), 0.0
     spells = water_spells([dvl], config.motion.water_lock_after_s)
     noise = DvlNoise.model_validate(dvl.noise)
