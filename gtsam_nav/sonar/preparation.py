@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gtsam_nav.mission import Mission, Rejection, Sensor
+from gtsam_nav.preprocess.no_returns import without_no_returns
 from gtsam_nav.solution import SonarMap, SonarScans
 from gtsam_nav.sonar.defects import WHOLE_SENSOR, sonar_defect
 from gtsam_nav.sonar.echoes import Echoes, echoes_of_scans, segment
@@ -53,6 +54,7 @@ def leave_out_defective_sonar(
 ) -> tuple[Mission, Echoes | None, tuple[Rejection, ...], tuple[str, ...]]:
     """The mission with the one sonar to be used, and its echoes; why others are not is recorded."""
     rejections: list[Rejection] = []
+    warnings: list[str] = []
     used: str | None = None
     echoes: Echoes | None = None
     for sonar in [*mission.of_type("beams"), *mission.of_type("scans")]:
@@ -61,18 +63,20 @@ def leave_out_defective_sonar(
         elif used is not None:
             defect = f"the sonar '{used}' is used"
         else:
+            sonar, no_returns = without_no_returns(sonar)
             defect = sonar_defect(sonar)
             if not defect:
                 found = _echoes(sonar, settings.segmentation)
                 defect = "" if len(found) else "no echo stands out of its noise"
         if not defect:
-            used, echoes = sonar.name, found
+            used, echoes, mission = sonar.name, found, mission.with_sensor(sonar)
+            warnings += no_returns
             continue
         log.warning("sonar '%s' is not used: %s", sonar.name, defect)
         rejections.append(Rejection(float(sonar.series.t[0]), sonar.name, WHOLE_SENSOR, defect))
         mission = mission.without(sonar.name)
-    warnings = tuple(f"sonar '{r.sensor}' is not used: {r.reason}" for r in rejections)
-    return mission, echoes, tuple(rejections), warnings
+    warnings += [f"sonar '{r.sensor}' is not used: {r.reason}" for r in rejections]
+    return mission, echoes, tuple(rejections), tuple(warnings)
 
 
 def _echoes(sonar: Sensor, settings: SegmentationSettings) -> Echoes:
