@@ -159,3 +159,21 @@ def test_two_laps_are_one() -> None:
     accepted = [loop for loop in solution.loops if loop.verdict == "accepted"]
     assert len(accepted) >= 5
     assert solution.clock_offsets[0].observed
+
+
+@pytest.mark.slow
+def test_a_stretch_that_shows_nothing_closes_no_loop() -> None:
+    mission, _, _ = robot(2.0)
+    scans = mission.sensors["scans"]
+    series = scans.series
+    assert isinstance(series, ScanSeries)
+    sees = (series.t % 64.0 < 10.0) | (series.t % 64.0 > 40.0)
+    sizes = np.where(sees, np.diff(series.first), 0)
+    kept = np.repeat(sees, np.diff(series.first))
+    first = np.concatenate([[0], np.cumsum(sizes)])
+    dim = replace(series, first=first, points_b=series.points_b[kept])
+    solution = gn.estimate(mission.with_sensor(replace(scans, series=dim)), "graph")
+    empty = [loop for loop in solution.loops if loop.reason == "fewer than 20 points"]
+    assert empty
+    assert all(loop.verdict == "rejected" and np.isnan(loop.dx_m) for loop in empty)
+    assert any(loop.verdict == "accepted" for loop in solution.loops)
