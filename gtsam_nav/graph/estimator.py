@@ -208,7 +208,7 @@ def _with_scans(
         return ready, sonar, ()
     mission = found.corrected(ready.mission)
     start, motion = start_and_motion(mission, ready.config)
-    sonar = _sonar_data(mission, echoes.shift(found.clock.offset_s), motion, ready.config)
+    sonar = _sonar_data(mission, echoes.shift(found.offset_s), motion, ready.config)
     return replace(ready, mission=mission, start=start, motion=motion), sonar, (found,)
 
 

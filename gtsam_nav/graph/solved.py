@@ -120,7 +120,8 @@ def solution_of(
     loops = solved.cloud_loops.loops
     stated = list(keyframe_edges(problem.t, mission))
     rows = weighed(problem, solved.timed_matches(t_scans), settled.used, values)
-    clock_offsets = (*ready.clocks.offsets(solved.constants), *(c.clock for c in echoes.by_scans))
+    by_scans = (found.clock for found in echoes.by_scans if found.clock)
+    clock_offsets = (*ready.clocks.offsets(solved.constants), *by_scans)
     keyframes = _keyframes(problem.t, values, covariances)
     trajectory = dense_trajectory(problem, values, keyframes, covariances)
     points, map_warnings = _map(echoes.sonar, echoes.track, trajectory, ready.config)
