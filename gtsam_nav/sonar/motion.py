@@ -10,6 +10,19 @@ from gtsam_nav.frames import Array
 from gtsam_nav.trajectory import Trajectory
 
 
+def placed_in_plane(trajectory: Trajectory, t: Array, xy_b: Array) -> Array:
+    """Points (k, 2) of the body at times (k,) in local NED, as if it were level; shape (k, 3).
+
+    A scanning sonar's beam has no vertical resolution: what it saw is placed by position and yaw.
+    """
+    p_n = np.stack([np.interp(t, trajectory.t, c) for c in trajectory.p_n.T], axis=1)
+    yaw = np.interp(t, trajectory.t, np.unwrap(trajectory.rpy[:, 2]))
+    x, y = xy_b.T
+    p_n[:, 0] += np.cos(yaw) * x - np.sin(yaw) * y
+    p_n[:, 1] += np.sin(yaw) * x + np.cos(yaw) * y
+    return p_n
+
+
 @dataclass(frozen=True)
 class PlanarMotion:
     """North, east and unwrapped yaw over time, and how fast they lose certainty.

@@ -12,7 +12,7 @@ from gtsam_nav.preprocess.no_returns import without_no_returns
 from gtsam_nav.solution import SonarMap, SonarScans
 from gtsam_nav.sonar.defects import WHOLE_SENSOR, sonar_defect
 from gtsam_nav.sonar.echoes import Echoes, echoes_of_scans, segment
-from gtsam_nav.sonar.motion import PlanarMotion
+from gtsam_nav.sonar.motion import PlanarMotion, placed_in_plane
 from gtsam_nav.sonar.scans import (
     Scan,
     Turns,
@@ -139,9 +139,5 @@ def registered_scans(mission: Mission, data: SonarData) -> SonarScans | None:
 def sonar_map(echoes: Echoes, trajectory: Trajectory) -> SonarMap:
     """All echoes of the used scans where the trajectory puts them."""
     inside = (echoes.t >= trajectory.t[0]) & (echoes.t <= trajectory.t[-1])
-    p_n = np.stack([np.interp(echoes.t[inside], trajectory.t, c) for c in trajectory.p_n.T], axis=1)
-    yaw = np.interp(echoes.t[inside], trajectory.t, np.unwrap(trajectory.rpy[:, 2]))
-    x, y = echoes.xy_b[inside].T
-    p_n[:, 0] += np.cos(yaw) * x - np.sin(yaw) * y
-    p_n[:, 1] += np.sin(yaw) * x + np.cos(yaw) * y
+    p_n = placed_in_plane(trajectory, echoes.t[inside], echoes.xy_b[inside])
     return SonarMap(p_n, echoes.t[inside], echoes.strength[inside])
