@@ -134,7 +134,8 @@ def _solved(
     with clock.stage("refinement"), states_named(problem):
         ready.clocks.describe(problem, settled.used_factors, settled.values)
         unsure = unsure_for_echoes(problem, online, sonar.echoes) if sonar else ()
-        joined = None if unsure else sonar
+        least = config.sonar.scans.min_points
+        joined = None if unsure or sonar is None else sonar.of_least(least)
         graph, refined = _refined(
             problem, settled, match_factors, cloud_loops.entries, joined, config, progress
         )

@@ -48,6 +48,16 @@ class SonarData:
     scans: list[Scan]
     at_once: bool = False
 
+    def of_least(self, min_points: int) -> SonarData | None:
+        """The scans that hold so many points, with their echoes; None without any."""
+        enough = np.array([len(scan) >= min_points for scan in self.scans])
+        if not np.any(enough):
+            return None
+        turns = self.turns.select(enough)
+        echoes = self.echoes.select(turns.hold(self.echoes.beam))
+        scans = [scan for scan in self.scans if len(scan) >= min_points]
+        return SonarData(echoes, turns, scans, self.at_once)
+
 
 def leave_out_defective_sonar(
     mission: Mission, settings: SonarSettings
@@ -108,7 +118,7 @@ def sonar_turns(
         kept = thin_by_motion(turns.t_ref, motion, s.min_move_m, np.radians(s.min_turn_deg))
     else:
         kept = thin_scans(turns.t_ref, s.min_interval_s)
-    turns = Turns(turns.first[kept], turns.last[kept], turns.t_ref[kept])
+    turns = turns.select(kept)
     return turns if len(turns) else None
 
 

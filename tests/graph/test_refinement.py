@@ -122,3 +122,17 @@ def test_a_sonar_that_falls_silent_leaves_an_estimate() -> None:
     solution = gn.estimate(mission.with_sensor(silent), "graph")
     assert mission.reference is not None
     assert gn.evaluate(solution, mission.reference).ate.none.rmse < 2.0
+
+
+def test_scans_of_too_few_points_are_not_registered(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: Any) -> None:
+        raise AssertionError("the echoes of thin scans were registered")
+
+    monkeypatch.setattr(estimator, "JointRefinement", refused)
+    mission = gn.simulate("marina", seed=3, duration_s=60.0)
+    solution = gn.estimate(
+        mission, "graph", gn.load_config(None, ["sonar.scans.min_points=100000"])
+    )
+    assert solution.scans is not None
+    thin = [r.index for r in solution.rejections if r.reason == "fewer than 100000 points"]
+    assert thin == list(range(len(solution.scans.t)))

@@ -206,6 +206,16 @@ def test_echoes_outside_of_the_turns_are_dropped() -> None:
     assert [len(scan) for scan in data.scans] == [2, 1]
 
 
+def test_scans_of_fewer_points_can_be_left_out() -> None:
+    data = deskewed(echoes_at([2, 3, 5, 5, 7]), TURNS, still())
+    enough = data.of_least(3)
+    assert enough is not None
+    np.testing.assert_array_equal(enough.turns.t_ref, [6.0])
+    np.testing.assert_array_equal(enough.echoes.beam, [5, 5, 7])
+    assert [scan.t_ref for scan in enough.scans] == [6.0]
+    assert data.of_least(4) is None
+
+
 def test_the_record_of_scans_is_the_scans() -> None:
     data = deskewed(echoes_at([2, 3, 7]), TURNS, still())
     record = registered_scans(mission_of(beams()), data)
