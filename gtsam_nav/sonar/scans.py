@@ -63,8 +63,9 @@ class Scan:
 def find_turns(sonar: Sensor, max_gap_s: float) -> Turns:
     """Cut the beams into scans.
 
-    A scan ends after a full turn, at a gap, and where the head reverses (sector scans); a scan of
-    fewer than three beams is none. Scans that were extracted elsewhere stay what they are.
+    A scan ends after a full turn, at a gap, and where the head reverses or flies back (sector
+    scans); a scan of fewer than three beams is none. Scans that were extracted elsewhere stay what
+    they are.
     """
     series = sonar.series
     if isinstance(series, ScanSeries):
@@ -81,8 +82,9 @@ def find_turns(sonar: Sensor, max_gap_s: float) -> Turns:
         turned += abs(step[k])
         if gap[k] or reversed_ or turned >= full_turn:
             starts.append(k + 1)
+            # the step that parts two scans may be a fly-back: the next one tells how the head turns
             turned, direction = 0.0, 0.0
-        if step[k] != 0 and not gap[k]:
+        elif step[k] != 0:
             direction = float(np.sign(step[k]))
     first = np.array(starts)
     last = np.append(first[1:], len(series))
