@@ -37,6 +37,7 @@ from gtsam_nav.preprocess.motion import VehicleMotion
 from gtsam_nav.series import IntArray
 from gtsam_nav.solution import Progress, Solution, StageClock
 from gtsam_nav.sonar.echoes import Echoes
+from gtsam_nav.sonar.motion import lies_inverted
 from gtsam_nav.sonar.preparation import (
     SonarData,
     deskewed,
@@ -221,6 +222,7 @@ def _sonar_data(
     turns = sonar_turns(mission, config.sonar, planar)
     if echoes is None or turns is None:
         return None
+    echoes = echoes.mirrored(lies_inverted(motion.trajectory, echoes.t))
     return deskewed(echoes, turns, planar, at_once=scans_at_once(mission))
 
 

@@ -59,6 +59,16 @@ def test_beams_start_at_the_sonar() -> None:
     assert np.sum(grid.probability < 0.5) == 50
 
 
+def test_the_sonar_of_an_inverted_vehicle_is_on_its_other_side() -> None:
+    inverted = Trajectory(
+        t=np.array([0.0, 100.0]),
+        p_n=np.zeros((2, 3)),
+        q_nb_wxyz=np.array([[0.0, 1.0, 0.0, 0.0]] * 2),
+    )
+    grid = occupancy_grid(map_of((10.0, -3.0, 1.0)), inverted, np.array([0.0, 3.0, 0.5]))
+    assert cell_at(grid, 5.0, -3.0) < 0.5
+
+
 def test_a_rolling_vehicle_does_not_see_through_walls() -> None:
     """Both echoes of each beam are placed as if the vehicle were level, and so is its sonar."""
     t, lever_b = np.arange(0.0, 20.0, 0.1), np.array([0.5, 0.0, 1.0])
