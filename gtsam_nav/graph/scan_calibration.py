@@ -16,10 +16,11 @@ import numpy as np
 
 from gtsam_nav.config import Config
 from gtsam_nav.frames import Array, wrap_angle
-from gtsam_nav.graph.scan_matching import PRIOR_FLOOR, between
+from gtsam_nav.graph.scan_matching import between
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.motion import VehicleMotion
 from gtsam_nav.registration.pic import register
+from gtsam_nav.registration.prior import PRIOR_FLOOR
 from gtsam_nav.sensors.noise import OdometryNoise
 from gtsam_nav.sensors.prediction import chi2_limit
 from gtsam_nav.series import IntArray, OdometrySeries
