@@ -11,14 +11,10 @@ from gtsam_nav.ekf.scan_track import ScanTrack
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Rejection
 from gtsam_nav.registration.pic import register
+from gtsam_nav.registration.prior import looked_around
 from gtsam_nav.registration.result import PlanarMatch
 from gtsam_nav.registration.settings import PicSettings
 from gtsam_nav.solution import LoopClosure
-
-SEARCH_FLOOR = np.array([0.3, 0.3, np.radians(2.0)])
-"""A registration looks at least this far (x, y, yaw) around its prior."""
-SEARCH_CAP = np.array([4.0, 4.0, np.radians(20.0)])
-"""And never further: from worse starts it would settle on the wrong wall."""
 
 
 @dataclass(frozen=True)
@@ -101,9 +97,7 @@ def register_scans(
     if min(len(scans[a]), len(scans[b])) < track.min_points:
         match = PlanarMatch(prior, cov_prior, 0.0, 0, f"fewer than {track.min_points} points")
         return match, unbent
-    sigma = np.sqrt(np.maximum(np.diag(cov_prior), 1e-12))
-    factor = np.clip(sigma, SEARCH_FLOOR, SEARCH_CAP) / sigma
-    match = register(scans[a], scans[b], prior, cov_prior * np.outer(factor, factor), settings)
+    match = register(scans[a], scans[b], prior, looked_around(cov_prior), settings)
     if not match.ok:
         return match, unbent
     bends = bending(scans[a], scans[b], match, *distorted, settings)

@@ -16,7 +16,7 @@ from gtsam_nav.ekf.compass_drift import CompassDrift, mean_white_variance
 from gtsam_nav.ekf.compounding import compound, tail_to_tail
 from gtsam_nav.ekf.considered import ConsideredErrors
 from gtsam_nav.ekf.constant_velocity import YAW, Filtered
-from gtsam_nav.ekf.dead_reckoning import DeadReckoned, dead_reckon
+from gtsam_nav.ekf.dead_reckoning import DeadReckoned, dead_reckon, filtered_trajectory
 from gtsam_nav.ekf.distortion import Distortion, distortions, walking
 from gtsam_nav.ekf.scan_walk import between_scans_variance, planar_motion, way_variance
 from gtsam_nav.errors import DataError
@@ -26,6 +26,7 @@ from gtsam_nav.preprocess.alignment import Alignment, align
 from gtsam_nav.registration.settings import PicSettings
 from gtsam_nav.sensors.noise import SonarNoise
 from gtsam_nav.series import IntArray
+from gtsam_nav.sonar.motion import lies_inverted
 from gtsam_nav.sonar.preparation import (
     SonarData,
     deskewed,
@@ -301,7 +302,8 @@ def follow_scans(mission: Mission, config: Config) -> ScanTrack:
     reckoned = dead_reckon(mission, start, config, turns.t_ref, restarted)
     record = np.searchsorted(reckoned.filtered.t, turns.t_ref)
     motion = planar_motion(reckoned.filtered, record, drift is not None)
-    sonar = deskewed(echoes, turns, motion)
+    inverted = lies_inverted(filtered_trajectory(reckoned.filtered, mission), echoes.t)
+    sonar = deskewed(echoes.mirrored(inverted), turns, motion)
     noise = SonarNoise.model_validate(_sonar_of(mission).noise)
     pic = with_floors(config.pic, noise)
     yaw_changes = walking(motion.yaw_variance_rad2_s) if drift is None else drift.changes

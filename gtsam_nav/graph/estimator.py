@@ -37,6 +37,7 @@ from gtsam_nav.preprocess.motion import VehicleMotion
 from gtsam_nav.series import IntArray
 from gtsam_nav.solution import Progress, Solution, StageClock
 from gtsam_nav.sonar.echoes import Echoes
+from gtsam_nav.sonar.motion import lies_inverted
 from gtsam_nav.sonar.preparation import (
     SonarData,
     deskewed,
@@ -134,7 +135,8 @@ def _solved(
     with clock.stage("refinement"), states_named(problem):
         ready.clocks.describe(problem, settled.used_factors, settled.values)
         unsure = unsure_for_echoes(problem, online, sonar.echoes) if sonar else ()
-        joined = None if unsure else sonar
+        least = config.sonar.scans.min_points
+        joined = None if unsure or sonar is None else sonar.of_least(least)
         graph, refined = _refined(
             problem, settled, match_factors, cloud_loops.entries, joined, config, progress
         )
@@ -208,7 +210,7 @@ def _with_scans(
         return ready, sonar, ()
     mission = found.corrected(ready.mission)
     start, motion = start_and_motion(mission, ready.config)
-    sonar = _sonar_data(mission, echoes.shift(found.clock.offset_s), motion, ready.config)
+    sonar = _sonar_data(mission, echoes.shift(found.offset_s), motion, ready.config)
     return replace(ready, mission=mission, start=start, motion=motion), sonar, (found,)
 
 
@@ -220,6 +222,7 @@ def _sonar_data(
     turns = sonar_turns(mission, config.sonar, planar)
     if echoes is None or turns is None:
         return None
+    echoes = echoes.mirrored(lies_inverted(motion.trajectory, echoes.t))
     return deskewed(echoes, turns, planar, at_once=scans_at_once(mission))
 
 

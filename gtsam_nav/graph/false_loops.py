@@ -16,8 +16,9 @@ import numpy as np
 
 from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.graph.problem import Problem
-from gtsam_nav.graph.scan_matching import PRIOR_CAP, ScanMatch, between, compounded
+from gtsam_nav.graph.scan_matching import ScanMatch, between, compounded
 from gtsam_nav.graph.settings import LoopSettings
+from gtsam_nav.registration.prior import PRIOR_CAP
 from gtsam_nav.series import IntArray
 from gtsam_nav.simulation.fault_specs import parse_fault
 from gtsam_nav.simulation.faults import FalseLoops

@@ -20,7 +20,6 @@ from gtsam_nav.graph.problem import Problem, SensorFactor
 from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.graph.scan_matching import (
     LOOP,
-    PRIOR_FLOOR,
     SCAN_MATCH,
     PlanarPose,
     ScanMatch,
@@ -29,6 +28,7 @@ from gtsam_nav.graph.scan_matching import (
     match_scans,
     relative_pose,
 )
+from gtsam_nav.registration.prior import PRIOR_FLOOR
 from gtsam_nav.series import IntArray
 from gtsam_nav.solution import Progress
 from gtsam_nav.sonar.preparation import SonarData

@@ -19,6 +19,7 @@ from gtsam_nav.graph.sensor_posterior import CALIBRATION, Constants, SensorPoste
 from gtsam_nav.mission import Mission, Rejection
 from gtsam_nav.series import IntArray
 from gtsam_nav.solution import LandmarkEstimates, LoopClosure, SlowStates
+from gtsam_nav.sonar.scans import Scan
 from gtsam_nav.trajectory import Trajectory
 
 
@@ -198,4 +199,14 @@ def match_rejections(matches: list[ScanMatch], t_scans: Array) -> tuple[Rejectio
         )
         for m in matches
         if m.normalised_residual is not None
+    )
+
+
+def thin_scan_rejections(scans: Sequence[Scan], min_points: int) -> tuple[Rejection, ...]:
+    """Scans that hold too few points to be registered; ``index`` is the scan's."""
+    reason = f"fewer than {min_points} points"
+    return tuple(
+        Rejection(scan.t_ref, SCAN_MATCH, k, reason)
+        for k, scan in enumerate(scans)
+        if len(scan) < min_points
     )

@@ -59,7 +59,7 @@ class Knots:
     Attributes
     ----------
     keyframes : ndarray of int, shape (m,)
-        Keyframes that echoes depend on, in order: the knots.
+        Keyframes that echoes depend on, and scans' middles, in order: the knots.
     knot : ndarray of int, shape (k,)
         Index of the knot before each echo; the next knot is the one after it.
     fraction : ndarray, shape (k,)
@@ -71,19 +71,24 @@ class Knots:
     fraction: Array
 
 
-def knots_of(t_echoes: Array, t_keyframes: Array, t_scans: Array) -> Knots:
+def knots_of(
+    t_echoes: Array, t_keyframes: Array, t_scans: Array, spacing_s: float = MAX_KNOT_SPACING_S
+) -> Knots:
     """Choose the knots among the keyframes and place the echoes between them.
 
-    Scans' middles are enough where they follow each other; elsewhere every keyframe is a knot.
+    Scans' middles are enough where no more than the spacing parts them; elsewhere every keyframe
+    that echoes depend on is a knot.
     """
     chosen = np.isin(t_keyframes, t_scans)
     chosen[[0, -1]] = True
     t_chosen = t_keyframes[chosen]
     gap = np.diff(t_chosen)[np.clip(np.searchsorted(t_chosen, t_keyframes) - 1, 0, None)]
-    candidates = np.flatnonzero(chosen | (gap > MAX_KNOT_SPACING_S))
+    candidates = np.flatnonzero(chosen | (gap > spacing_s))
     t_knots = t_keyframes[candidates]
     before = np.clip(np.searchsorted(t_knots, t_echoes, side="right") - 1, 0, len(t_knots) - 2)
-    used = np.unique(np.concatenate([before, before + 1]))
+    # a scan's place is asked for even where it holds no echo
+    middles = np.searchsorted(t_knots, t_scans)
+    used = np.unique(np.concatenate([before, before + 1, middles]))
     fraction = (t_echoes - t_knots[before]) / (t_knots[before + 1] - t_knots[before])
     return Knots(candidates[used], np.searchsorted(used, before), np.clip(fraction, 0.0, 1.0))
 
@@ -157,8 +162,8 @@ class JointRefinement:
         self.scan_first = bounds - bounds[0]
         self.scan = np.repeat(np.arange(len(turns)), np.diff(bounds))
         # without a gyro the compass's disturbance strays within a scan: every keyframe corrects it
-        t_knots = turns.t_ref if motion.compass_sigma is None else t_keyframes
-        self.knots = knots_of(self.t, t_keyframes, t_knots)
+        spacing_s = MAX_KNOT_SPACING_S if motion.compass_sigma is None else 0.0
+        self.knots = knots_of(self.t, t_keyframes, turns.t_ref, spacing_s)
         p_n, rpy = motion.at(self.t)
         self._ne, self._yaw = p_n[:, :2], rpy[:, 2]
         p_n, rpy = motion.at(t_keyframes[self.knots.keyframes])

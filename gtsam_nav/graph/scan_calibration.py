@@ -16,10 +16,11 @@ import numpy as np
 
 from gtsam_nav.config import Config
 from gtsam_nav.frames import Array, wrap_angle
-from gtsam_nav.graph.scan_matching import PRIOR_FLOOR, between
+from gtsam_nav.graph.scan_matching import between
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.motion import VehicleMotion
 from gtsam_nav.registration.pic import register
+from gtsam_nav.registration.prior import PRIOR_FLOOR
 from gtsam_nav.sensors.noise import OdometryNoise
 from gtsam_nav.sensors.prediction import chi2_limit
 from gtsam_nav.series import IntArray, OdometrySeries
@@ -48,20 +49,26 @@ class ScanCalibration:
 
     Attributes
     ----------
-    clock : ClockOffset
-        Of the scanner.
+    clock : ClockOffset or None
+        Of the scanner; None where it was not in doubt.
     curvature_rad_m, sigma_rad_m : float
         Turn a metre that the odometry's yaw rate lacks, and its standard deviation.
     """
 
-    clock: ClockOffset
+    clock: ClockOffset | None
     curvature_rad_m: float
     sigma_rad_m: float
 
+    @property
+    def offset_s(self) -> float:
+        """What must be added to the scans' stamps, s."""
+        return self.clock.offset_s if self.clock else 0.0
+
     def corrected(self, mission: Mission) -> Mission:
         """The mission with scans and odometry put right."""
-        scans = mission.sensors[self.clock.sensor]
-        series = scans.series.shift(self.clock.offset_s)
+        scans = mission.first("scans")
+        assert scans is not None
+        series = scans.series.shift(self.offset_s)
         mission = mission.with_sensor(replace(scans, series=series))
         odometry = mission.first("odometry")
         if odometry is None or self.curvature_rad_m == 0.0:
@@ -103,11 +110,8 @@ def calibrate_by_scans(
     (offset_s, curvature), (offset_sigma_s, curvature_sigma) = _fitted(pairs, sigma)
     log.info("stamps of '%s': %+.3f s, sigma %.3f s", scanner.name, offset_s, offset_sigma_s)
     log.info("odometry lacks %+.3f deg/m", np.degrees(curvature))
-    return ScanCalibration(
-        ClockOffset(scanner.name, "time_offset", offset_s, offset_sigma_s, float(sigma[0])),
-        curvature,
-        curvature_sigma,
-    )
+    clock = ClockOffset(scanner.name, "time_offset", offset_s, offset_sigma_s, float(sigma[0]))
+    return ScanCalibration(clock if sigma[0] else None, curvature, curvature_sigma)
 
 
 def planar_of(motion: VehicleMotion) -> PlanarMotion:

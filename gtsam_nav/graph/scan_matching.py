@@ -10,6 +10,7 @@ import numpy as np
 from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.graph.settings import LoopSettings
 from gtsam_nav.registration.pic import register
+from gtsam_nav.registration.prior import looked_around
 from gtsam_nav.registration.result import PlanarMatch
 from gtsam_nav.registration.settings import PicSettings
 from gtsam_nav.sensors.prediction import chi2_limit
@@ -17,10 +18,6 @@ from gtsam_nav.sonar.scans import Scan
 
 SCAN_MATCH, LOOP = "sonar", "loops"
 """What factors of consecutive scans' matches come from, and those of others."""
-PRIOR_FLOOR = np.array([0.3, 0.3, np.radians(2.0)])
-"""A registration always looks at least this far (x, y, yaw) around its prior."""
-PRIOR_CAP = np.array([4.0, 4.0, np.radians(20.0)])
-"""And never further: from worse starts it would settle on the wrong wall."""
 
 
 @dataclass(frozen=True)
@@ -115,10 +112,7 @@ def match_scans(
         Of the chi-square gate on prior and match together, if any.
     """
     q_prior = np.array([*prior.ne, prior.yaw])
-    sigma = np.sqrt(np.diag(prior.cov))
-    wanted = np.clip(sigma, PRIOR_FLOOR, PRIOR_CAP)
-    cov_prior = prior.cov * np.outer(wanted / sigma, wanted / sigma)
-    match = register(scans[a], scans[b], q_prior, cov_prior, settings)
+    match = register(scans[a], scans[b], q_prior, looked_around(prior.cov), settings)
     reason, residual = match.failure, None
     if match.ok:
         difference = match.q - q_prior

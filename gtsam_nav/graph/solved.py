@@ -34,6 +34,7 @@ from gtsam_nav.graph.output import (
     match_rejections,
     slow_states,
     stated_closures,
+    thin_scan_rejections,
 )
 from gtsam_nav.graph.outset import Ready
 from gtsam_nav.graph.problem import Problem, SensorFactor
@@ -117,10 +118,12 @@ def solution_of(
     problem, settled, values = solved.problem, solved.settled, solved.values
     online = solved.online
     robust, mission, t_scans = ready.config.graph.robust, echoes.mission, echoes.t_scans
+    scans = echoes.sonar.scans if echoes.sonar else []
     loops = solved.cloud_loops.loops
     stated = list(keyframe_edges(problem.t, mission))
     rows = weighed(problem, solved.timed_matches(t_scans), settled.used, values)
-    clock_offsets = (*ready.clocks.offsets(solved.constants), *(c.clock for c in echoes.by_scans))
+    by_scans = (found.clock for found in echoes.by_scans if found.clock)
+    clock_offsets = (*ready.clocks.offsets(solved.constants), *by_scans)
     keyframes = _keyframes(problem.t, values, covariances)
     trajectory = dense_trajectory(problem, values, keyframes, covariances)
     points, map_warnings = _map(echoes.sonar, echoes.track, trajectory, ready.config)
@@ -142,6 +145,7 @@ def solution_of(
             *problem.rejections,
             *settled.rejections,
             *weightless(rows),
+            *thin_scan_rejections(scans, ready.config.sonar.scans.min_points),
             *match_rejections(solved.matches, t_scans),
         ),
         robust_weights=robust_weights(rows),

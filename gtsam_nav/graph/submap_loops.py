@@ -162,6 +162,10 @@ class _Track:
         q_prior = np.array([*prior.ne, prior.yaw])
         settings, gate = self._config.correlative, self._config.graph.robust.loops.gate_probability
         reference, new = self._submap(a), self._submap(b)
+        least = self._config.sonar.scans.min_points
+        if min(len(reference), len(new)) < least:
+            match = PlanarMatch(q_prior, prior.cov, 0.0, 0, f"fewer than {least} points")
+            return ScanMatch(a, b, match, match.failure, is_loop=True)
         found = search(reference, new, q_prior, prior.cov, settings)
         if found.failure:
             match = PlanarMatch(found.q, prior.cov, found.score, 1, found.failure)

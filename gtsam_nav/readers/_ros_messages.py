@@ -169,7 +169,7 @@ def pose_depth(m: Any, _: BagSensor) -> Sample | str:
 def scan(m: Any, _: BagSensor) -> Sample | str:
     """Points of the rays that met something."""
     ranges = np.asarray(m.ranges, float)
-    seen = np.isfinite(ranges) & (ranges >= m.range_min) & (ranges < m.range_max)
+    seen = np.isfinite(ranges) & (ranges >= m.range_min) & (ranges < m.range_max) & (ranges > 0)
     angle = m.angle_min + m.angle_increment * np.arange(len(ranges))[seen]
     x, y = ranges[seen] * np.cos(angle), ranges[seen] * np.sin(angle)
     return {"points": np.column_stack([x, y, np.zeros(len(x))])}

@@ -42,6 +42,7 @@ from gtsam_nav.frames import Origin
 from gtsam_nav.mission import LandmarkMap, Mission, Rejection, Sensor
 from gtsam_nav.pose_edges import PoseEdges
 from gtsam_nav.preprocess.cleaning import screen, tidy
+from gtsam_nav.preprocess.no_returns import without_no_returns
 from gtsam_nav.preprocess.repeats import without_repeats
 from gtsam_nav.readers._clock import on_mission_time
 from gtsam_nav.readers._columns import not_whole, of_a_log, values_of
@@ -210,6 +211,9 @@ class _Reading:
             simulated=entry.simulated,
             time_offset_sigma_s=entry.time_offset_sigma_s,
         )
+        # of a mounted scanner, they lie at its origin only before they are placed
+        sensor, warnings = without_no_returns(sensor)
+        self.warnings += warnings
         self.sensors[name] = in_body_axes(sensor)
 
     def _series(self, name: str, entry: SensorEntry, path: Path) -> Cleaned:

@@ -259,6 +259,8 @@ def _judge(
 ) -> PlanarMatch:
     if not np.all(np.isfinite(q)) or overlap == 0.0:
         return _failed(prior, cov_prior, "no compatible points")
+    if not np.all(np.isfinite(H)):
+        return _failed(prior, cov_prior, "points that are certain: their covariances are singular")
     observed, unobserved = _directions(H)
     if observed.shape[1] < 2:
         return _failed(prior, cov_prior, "singular: the points do not fix the pose")

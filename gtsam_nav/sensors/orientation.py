@@ -117,7 +117,8 @@ def tilt_at(mission: Mission, t: Array) -> tuple[Array, Array]:
         return np.zeros((len(t), 2)), np.full(len(t), UNMEASURED_TILT_SIGMA_RAD)
     series = sensor.series
     assert isinstance(series, AttitudeSeries)
-    tilt = np.stack([np.interp(t, series.t, a) for a in (series.roll, series.pitch)], axis=1)
+    angles = np.unwrap(series.roll), series.pitch
+    tilt = np.stack([np.interp(t, series.t, a) for a in angles], axis=1)
     sigma = np.interp(t, series.t, series.sigma)
     return tilt, np.where(speaks_at(sensor, mission, t), sigma, UNMEASURED_TILT_SIGMA_RAD)
 

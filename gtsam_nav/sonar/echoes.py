@@ -34,7 +34,8 @@ class Echoes:
     beam : ndarray of int, shape (k,)
         Index of the beam in the mission's series (of the scan, for scans extracted elsewhere).
     xy_b : ndarray, shape (k, 2)
-        Position in body axes at that time, m; the sonar's beam has no vertical resolution.
+        Position in body axes at that time, m; the sonar's beam has no vertical resolution. The body
+        is taken to be level: of one that lies upside down the echoes are `mirrored`.
     cov_b : ndarray, shape (k, 2, 2)
         From range and bearing noise, m^2.
     strength : ndarray, shape (k,)
@@ -53,6 +54,12 @@ class Echoes:
     def shift(self, by_s: float) -> Echoes:
         """The echoes at times moved by a constant."""
         return replace(self, t=self.t + by_s)
+
+    def mirrored(self, which: BoolArray) -> Echoes:
+        """The echoes, those that a mask picks with port for starboard."""
+        side = np.where(which[:, None], [1.0, -1.0], 1.0)
+        cov_b = side[:, :, None] * self.cov_b * side[:, None, :]
+        return replace(self, xy_b=side * self.xy_b, cov_b=cov_b)
 
     def select(self, which: BoolArray) -> Echoes:
         """The echoes that a mask picks."""

@@ -7,7 +7,26 @@ from dataclasses import dataclass
 import numpy as np
 
 from gtsam_nav.frames import Array
+from gtsam_nav.series import BoolArray
 from gtsam_nav.trajectory import Trajectory
+
+
+def lies_inverted(trajectory: Trajectory, t: Array) -> BoolArray:
+    """Whether the vehicle lies upside down at given times, shape (k,): starboard is to port."""
+    return np.asarray(np.interp(t, trajectory.t, np.cos(trajectory.rpy[:, 0])) < 0.0)
+
+
+def placed_in_plane(trajectory: Trajectory, t: Array, xy_b: Array) -> Array:
+    """Points (k, 2) of the level vehicle at times (k,) in local NED, shape (k, 3).
+
+    A scanning sonar's beam has no vertical resolution: what it saw is placed by position and yaw.
+    """
+    p_n = np.stack([np.interp(t, trajectory.t, c) for c in trajectory.p_n.T], axis=1)
+    yaw = np.interp(t, trajectory.t, np.unwrap(trajectory.rpy[:, 2]))
+    x, y = xy_b.T
+    p_n[:, 0] += np.cos(yaw) * x - np.sin(yaw) * y
+    p_n[:, 1] += np.sin(yaw) * x + np.cos(yaw) * y
+    return p_n
 
 
 @dataclass(frozen=True)

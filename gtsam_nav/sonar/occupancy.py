@@ -14,6 +14,7 @@ import numpy as np
 from gtsam_nav.frames import Array
 from gtsam_nav.series import BoolArray, IntArray
 from gtsam_nav.solution import SonarMap
+from gtsam_nav.sonar.motion import lies_inverted, placed_in_plane
 from gtsam_nav.trajectory import Trajectory
 
 LOG_ODDS_HIT, LOG_ODDS_MISS = 0.85, -0.4
@@ -57,9 +58,11 @@ def occupancy_grid(echoes: SonarMap, trajectory: Trajectory, lever_b: Array) -> 
     """
     from gtsam_nav.sonar._rays import count_rays
 
-    sonar = trajectory.at_lever_arm(lever_b)
-    sonar_ne = np.stack([np.interp(echoes.t, sonar.t, c) for c in sonar.p_n[:, :2].T], axis=1)
     ne = echoes.points_n[:, :2]
+    # placed as its echoes are, or those of one beam would not lie in one direction
+    inverted = lies_inverted(trajectory, echoes.t)
+    levers_b = np.where(inverted[:, None], lever_b[:2] * [1.0, -1.0], lever_b[:2])
+    sonar_ne = placed_in_plane(trajectory, echoes.t, levers_b)[:, :2]
     everything = np.concatenate([ne, sonar_ne])
     low, high = everything.min(axis=0), everything.max(axis=0)
     cell_m = max(LEAST_CELL_M, float(np.max(high - low)) / MOST_CELLS)

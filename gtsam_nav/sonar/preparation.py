@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from gtsam_nav.mission import Mission, Rejection, Sensor
+from gtsam_nav.preprocess.no_returns import without_no_returns
 from gtsam_nav.solution import SonarMap, SonarScans
 from gtsam_nav.sonar.defects import WHOLE_SENSOR, sonar_defect
 from gtsam_nav.sonar.echoes import Echoes, echoes_of_scans, segment
-from gtsam_nav.sonar.motion import PlanarMotion
+from gtsam_nav.sonar.motion import PlanarMotion, placed_in_plane
 from gtsam_nav.sonar.scans import (
     Scan,
     Turns,
@@ -47,12 +48,23 @@ class SonarData:
     scans: list[Scan]
     at_once: bool = False
 
+    def of_least(self, min_points: int) -> SonarData | None:
+        """The scans that hold so many points, with their echoes; None without any."""
+        enough = np.array([len(scan) >= min_points for scan in self.scans])
+        if not np.any(enough):
+            return None
+        turns = self.turns.select(enough)
+        echoes = self.echoes.select(turns.hold(self.echoes.beam))
+        scans = [scan for scan in self.scans if len(scan) >= min_points]
+        return SonarData(echoes, turns, scans, self.at_once)
+
 
 def leave_out_defective_sonar(
     mission: Mission, settings: SonarSettings
 ) -> tuple[Mission, Echoes | None, tuple[Rejection, ...], tuple[str, ...]]:
     """The mission with the one sonar to be used, and its echoes; why others are not is recorded."""
     rejections: list[Rejection] = []
+    warnings: list[str] = []
     used: str | None = None
     echoes: Echoes | None = None
     for sonar in [*mission.of_type("beams"), *mission.of_type("scans")]:
@@ -61,18 +73,20 @@ def leave_out_defective_sonar(
         elif used is not None:
             defect = f"the sonar '{used}' is used"
         else:
+            sonar, no_returns = without_no_returns(sonar)
             defect = sonar_defect(sonar)
             if not defect:
                 found = _echoes(sonar, settings.segmentation)
                 defect = "" if len(found) else "no echo stands out of its noise"
         if not defect:
-            used, echoes = sonar.name, found
+            used, echoes, mission = sonar.name, found, mission.with_sensor(sonar)
+            warnings += no_returns
             continue
         log.warning("sonar '%s' is not used: %s", sonar.name, defect)
         rejections.append(Rejection(float(sonar.series.t[0]), sonar.name, WHOLE_SENSOR, defect))
         mission = mission.without(sonar.name)
-    warnings = tuple(f"sonar '{r.sensor}' is not used: {r.reason}" for r in rejections)
-    return mission, echoes, tuple(rejections), warnings
+    warnings += [f"sonar '{r.sensor}' is not used: {r.reason}" for r in rejections]
+    return mission, echoes, tuple(rejections), tuple(warnings)
 
 
 def _echoes(sonar: Sensor, settings: SegmentationSettings) -> Echoes:
@@ -104,7 +118,7 @@ def sonar_turns(
         kept = thin_by_motion(turns.t_ref, motion, s.min_move_m, np.radians(s.min_turn_deg))
     else:
         kept = thin_scans(turns.t_ref, s.min_interval_s)
-    turns = Turns(turns.first[kept], turns.last[kept], turns.t_ref[kept])
+    turns = turns.select(kept)
     return turns if len(turns) else None
 
 
@@ -135,9 +149,5 @@ def registered_scans(mission: Mission, data: SonarData) -> SonarScans | None:
 def sonar_map(echoes: Echoes, trajectory: Trajectory) -> SonarMap:
     """All echoes of the used scans where the trajectory puts them."""
     inside = (echoes.t >= trajectory.t[0]) & (echoes.t <= trajectory.t[-1])
-    p_n = np.stack([np.interp(echoes.t[inside], trajectory.t, c) for c in trajectory.p_n.T], axis=1)
-    yaw = np.interp(echoes.t[inside], trajectory.t, np.unwrap(trajectory.rpy[:, 2]))
-    x, y = echoes.xy_b[inside].T
-    p_n[:, 0] += np.cos(yaw) * x - np.sin(yaw) * y
-    p_n[:, 1] += np.sin(yaw) * x + np.cos(yaw) * y
+    p_n = placed_in_plane(trajectory, echoes.t[inside], echoes.xy_b[inside])
     return SonarMap(p_n, echoes.t[inside], echoes.strength[inside])

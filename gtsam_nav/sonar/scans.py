@@ -28,6 +28,10 @@ class Turns:
     def __len__(self) -> int:
         return len(self.t_ref)
 
+    def select(self, which: BoolArray | IntArray) -> Turns:
+        """The scans that a mask or an index array picks."""
+        return Turns(self.first[which], self.last[which], self.t_ref[which])
+
     def hold(self, beam: IntArray) -> BoolArray:
         """Which beams belong to one of the scans."""
         scan = np.searchsorted(self.first, beam, side="right") - 1
@@ -59,8 +63,9 @@ class Scan:
 def find_turns(sonar: Sensor, max_gap_s: float) -> Turns:
     """Cut the beams into scans.
 
-    A scan ends after a full turn, at a gap, and where the head reverses (sector scans); a scan of
-    fewer than three beams is none. Scans that were extracted elsewhere stay what they are.
+    A scan ends after a full turn, at a gap, and where the head reverses or flies back (sector
+    scans); a scan of fewer than three beams is none. Scans that were extracted elsewhere stay what
+    they are.
     """
     series = sonar.series
     if isinstance(series, ScanSeries):
@@ -77,8 +82,9 @@ def find_turns(sonar: Sensor, max_gap_s: float) -> Turns:
         turned += abs(step[k])
         if gap[k] or reversed_ or turned >= full_turn:
             starts.append(k + 1)
+            # the step that parts two scans may be a fly-back: the next one tells how the head turns
             turned, direction = 0.0, 0.0
-        if step[k] != 0 and not gap[k]:
+        elif step[k] != 0:
             direction = float(np.sign(step[k]))
     first = np.array(starts)
     last = np.append(first[1:], len(series))
@@ -87,7 +93,7 @@ def find_turns(sonar: Sensor, max_gap_s: float) -> Turns:
     return Turns(first, last, series.t[(first + last) // 2])
 
 
-def thin_scans(scan_times: Array, min_spacing_s: float) -> Array:
+def thin_scans(scan_times: Array, min_spacing_s: float) -> IntArray:
     """Indices of scans at least a spacing apart, greedily from the first."""
     kept: list[int] = []
     for k, t in enumerate(scan_times):
@@ -98,7 +104,7 @@ def thin_scans(scan_times: Array, min_spacing_s: float) -> Array:
 
 def thin_by_motion(
     scan_times: Array, motion: PlanarMotion, min_move_m: float, min_turn_rad: float
-) -> Array:
+) -> IntArray:
     """Indices of scans before which the vehicle moved or turned enough, greedily from the first."""
     ne, yaw = motion.at(scan_times)
     kept = [0] if len(scan_times) else []

@@ -48,7 +48,7 @@ class ScanSettings(Settings):
     Attributes
     ----------
     min_points : int
-        A scan with fewer points is not registered.
+        A scan with fewer points is not registered, and no submap with fewer.
     max_gap_s : float
         A longer silence of the sonar ends a scan.
     min_interval_s : float

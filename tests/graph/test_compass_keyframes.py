@@ -101,6 +101,17 @@ def test_knots_are_where_they_are_asked_for() -> None:
     np.testing.assert_array_equal(
         knots_of(t_echoes, t_keyframes, t_scans).keyframes, [0, 5, 15, 25, 30]
     )
-    every = knots_of(t_echoes, t_keyframes, t_keyframes)
+    every = knots_of(t_echoes, t_keyframes, t_scans, spacing_s=0.0)
     np.testing.assert_array_equal(every.keyframes, np.arange(31))
     np.testing.assert_allclose(every.fraction, 0.5)
+
+
+@pytest.mark.parametrize("spacing_s", [0.0, 20.0])
+def test_a_scan_without_echoes_has_its_knot_all_the_same(spacing_s: float) -> None:
+    t_keyframes, t_scans = np.arange(0.0, 61.0), np.arange(5.0, 60.0, 10.0)
+    t_echoes = np.concatenate([np.arange(0.5, 10.0), np.arange(30.5, 40.0)])
+    knots = knots_of(t_echoes, t_keyframes, t_scans, spacing_s)
+    t_knots = t_keyframes[knots.keyframes]
+    assert np.all(np.isin(t_scans, t_knots))
+    t_before, t_after = t_knots[knots.knot], t_knots[knots.knot + 1]
+    np.testing.assert_allclose(t_before + knots.fraction * (t_after - t_before), t_echoes)

@@ -8,9 +8,10 @@ import pytest
 import gtsam_nav as gn
 from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.graph.false_loops import LoopFault
-from gtsam_nav.graph.scan_matching import PRIOR_CAP, ScanMatch, between, compounded
+from gtsam_nav.graph.scan_matching import ScanMatch, between, compounded
 from gtsam_nav.graph.settings import LoopSettings
 from gtsam_nav.mission import Mission
+from gtsam_nav.registration.prior import PRIOR_CAP
 from gtsam_nav.registration.result import PlanarMatch
 from gtsam_nav.simulation.faults import FalseLoops
 from gtsam_nav.solution import Solution

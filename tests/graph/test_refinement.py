@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import gtsam
@@ -14,6 +14,7 @@ from gtsam_nav.frames import Array, rotation_from_rpy
 from gtsam_nav.graph import estimator, refinement
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.refinement import JointRefinement, Refined
+from gtsam_nav.series import BeamSeries
 from gtsam_nav.solution import no_progress
 
 pytestmark = pytest.mark.slow
@@ -109,3 +110,29 @@ def test_sensors_linearised_anew_at_each_step_lead_to_the_same(
 def test_a_gate_at_which_nothing_moves_narrows_at_once(start: Start) -> None:
     settled = start.refined(start.values).values
     assert start.refined(settled).iterations <= FEW_ITERATIONS
+
+
+def test_a_sonar_that_falls_silent_leaves_an_estimate() -> None:
+    mission = gn.simulate("marina", seed=0, duration_s=90.0)
+    sonar = mission.sensors["sonar"]
+    beams = sonar.series
+    assert isinstance(beams, BeamSeries)
+    heard = (beams.t < 45.0)[:, None]
+    silent = replace(sonar, series=replace(beams, intensity=beams.intensity * heard))
+    solution = gn.estimate(mission.with_sensor(silent), "graph")
+    assert mission.reference is not None
+    assert gn.evaluate(solution, mission.reference).ate.none.rmse < 2.0
+
+
+def test_scans_of_too_few_points_are_not_registered(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: Any) -> None:
+        raise AssertionError("the echoes of thin scans were registered")
+
+    monkeypatch.setattr(estimator, "JointRefinement", refused)
+    mission = gn.simulate("marina", seed=3, duration_s=60.0)
+    solution = gn.estimate(
+        mission, "graph", gn.load_config(None, ["sonar.scans.min_points=100000"])
+    )
+    assert solution.scans is not None
+    thin = [r.index for r in solution.rejections if r.reason == "fewer than 100000 points"]
+    assert thin == list(range(len(solution.scans.t)))

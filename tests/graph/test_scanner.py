@@ -114,13 +114,14 @@ def test_scans_tell_their_clock_and_the_wheels() -> None:
     mission, _, _ = robot(0.6)
     found = calibrated(mission)
     assert found is not None
+    assert found.clock is not None
     assert found.clock.offset_s == pytest.approx(-LATE, abs=0.03)
     assert found.clock.sigma_s < 0.5 * LATE_S
     assert np.degrees(found.curvature_rad_m) == pytest.approx(0.8, abs=0.3)
     corrected = found.corrected(mission)
     again = calibrated(corrected)
     assert again is not None
-    assert abs(again.clock.offset_s) < 0.03
+    assert abs(again.offset_s) < 0.03
     assert abs(np.degrees(again.curvature_rad_m)) < 0.3
 
 
@@ -130,9 +131,18 @@ def test_what_is_known_is_not_sought() -> None:
     known = mission.with_sensor(replace(scans, time_offset_sigma_s=0.0))
     found = calibrated(known)
     assert found is not None
-    assert found.clock.offset_s == 0.0 == found.clock.sigma_s
+    assert found.clock is None
+    assert found.offset_s == 0.0
     known = known.with_sensor(replace(wheels, noise={"curvature_sigma_deg_m": 0.0}))
     assert calibrated(known) is None
+
+
+def test_a_clock_that_nobody_doubts_is_not_spoken_of() -> None:
+    mission, _, _ = robot(0.6)
+    scans = mission.sensors["scans"]
+    solution = gn.estimate(mission.with_sensor(replace(scans, time_offset_sigma_s=0.0)), "graph")
+    assert solution.clock_offsets == ()
+    assert not any("time offset" in warning for warning in solution.warnings)
 
 
 def test_a_slow_sonars_scans_are_not_taken_at_once() -> None:
@@ -159,3 +169,21 @@ def test_two_laps_are_one() -> None:
     accepted = [loop for loop in solution.loops if loop.verdict == "accepted"]
     assert len(accepted) >= 5
     assert solution.clock_offsets[0].observed
+
+
+@pytest.mark.slow
+def test_a_stretch_that_shows_nothing_closes_no_loop() -> None:
+    mission, _, _ = robot(2.0)
+    scans = mission.sensors["scans"]
+    series = scans.series
+    assert isinstance(series, ScanSeries)
+    sees = (series.t % 64.0 < 10.0) | (series.t % 64.0 > 40.0)
+    sizes = np.where(sees, np.diff(series.first), 0)
+    kept = np.repeat(sees, np.diff(series.first))
+    first = np.concatenate([[0], np.cumsum(sizes)])
+    dim = replace(series, first=first, points_b=series.points_b[kept])
+    solution = gn.estimate(mission.with_sensor(replace(scans, series=dim)), "graph")
+    empty = [loop for loop in solution.loops if loop.reason == "fewer than 20 points"]
+    assert empty
+    assert all(loop.verdict == "rejected" and np.isnan(loop.dx_m) for loop in empty)
+    assert any(loop.verdict == "accepted" for loop in solution.loops)

@@ -169,6 +169,21 @@ def test_a_key_that_nothing_is_made_of_is_refused(
         read_one(tmp_path, sensor_type, "", **entry)
 
 
+def test_points_at_a_mounted_scanner_are_none(tmp_path: Path) -> None:
+    """A laser that hears nothing back may say a range of zero."""
+    placed = {"file": "scans.npz", "xyz_m": [0.5, 0.1, -0.3]}
+    folder = make_folder(tmp_path, {}, {"scans": placed})
+    seen = [[2.0, 0.0], [0.0, 0.0], [0.0, 0.0], [0.0, 3.0]]
+    np.savez(folder / "scans.npz", t=np.arange(3.0), first=[0, 2, 3, 4], points=seen)
+    mission = open_mission(folder)
+    series = mission.sensors["scans"].series
+    assert isinstance(series, ScanSeries)
+    np.testing.assert_array_equal(series.first, [0, 1, 1, 2])
+    np.testing.assert_allclose(series.points_b, [[2.5, 0.1], [0.5, 3.1]])
+    (said,) = (w for w in mission.warnings if "scanner itself" in w)
+    assert said == "sensor 'scans': 2 points at the scanner itself are left out"
+
+
 def test_columns_come_in_any_order_and_unknown_ones_are_named(tmp_path: Path) -> None:
     rows = [f"fine {k},0.3,0.2,0.1,{k}" for k in TEN]
     text = "\n".join(["comment,wz,vy,vx,t", *rows])

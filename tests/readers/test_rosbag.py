@@ -451,8 +451,8 @@ def test_sonars_and_scans(tmp_path: Path) -> None:
     np.testing.assert_allclose(beams.angle, -0.5)
     np.testing.assert_array_equal(beams.intensity[0], np.arange(50))
     laser = {
-        "angle_min": -np.pi / 2, "angle_increment": np.pi / 2, "range_min": 0.1, "range_max": 9.0,
-        "ranges": np.array([1.0, 2.0, 9.0, np.nan], dtype=np.float32),
+        "angle_min": -np.pi / 2, "angle_increment": np.pi / 2, "range_min": 0.0, "range_max": 9.0,
+        "ranges": np.array([1.0, 2.0, 9.0, np.nan, 0.0], dtype=np.float32),
     }  # fmt: skip
     scans = read_one(
         tmp_path / "b", "/scan", "sensor_msgs/msg/LaserScan", "scans", lambda _: laser,
@@ -461,6 +461,7 @@ def test_sonars_and_scans(tmp_path: Path) -> None:
     assert isinstance(scans, ScanSeries)
     # the first ray looks to the right
     np.testing.assert_allclose(scans.points_b[:2], [[0.5, 1.0], [2.5, 0.0]], atol=1e-6)
+    np.testing.assert_array_equal(np.diff(scans.first), 2)
 
 
 def test_numbers_become_depths_by_the_card(tmp_path: Path) -> None:

@@ -196,6 +196,14 @@ def test_points_that_are_not_finite_are_told(function: object, bad: float, which
     np.testing.assert_array_equal(match.cov, PRIOR_COV)
 
 
+def test_points_that_are_certain_are_told() -> None:
+    scans = [scan_of(corner()), scan_of(corner())]
+    for scan in scans:
+        scan.cov[7] = 0.0
+    match = register(*scans, np.zeros(3), PRIOR_COV, PicSettings())
+    assert "singular" in match.failure
+
+
 def test_yaw_is_wrapped() -> None:
     points = np.random.default_rng(5).uniform(-12, 12, size=(30, 2))
     q = np.array([0.2, 0.1, np.pi - 0.01])

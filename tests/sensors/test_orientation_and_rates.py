@@ -64,6 +64,13 @@ def test_tilt_is_interpolated() -> None:
     np.testing.assert_allclose(sigma, [0.01, 0.02, 0.03])
 
 
+def test_upside_down_a_roll_is_interpolated_the_short_way() -> None:
+    roll, none = np.radians([179.0, -179.0]), np.zeros(2)
+    series = AttitudeSeries(t=np.arange(2.0), roll=roll, pitch=none, sigma=none + 0.01)
+    tilt, _ = tilt_at(mission(Sensor("a", "attitude", series)), np.array([0.5]))
+    np.testing.assert_allclose(tilt, [[np.pi, 0.0]])
+
+
 def test_tilt_that_nobody_measures_is_level_and_vague() -> None:
     tilt, sigma = tilt_at(mission(), np.arange(3.0))
     np.testing.assert_array_equal(tilt, np.zeros((3, 2)))

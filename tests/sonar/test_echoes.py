@@ -13,7 +13,7 @@ from gtsam_nav.mission import Sensor
 from gtsam_nav.series import BeamSeries, ScanSeries
 from gtsam_nav.sonar._peaks import strongest_peaks
 from gtsam_nav.sonar.defects import sonar_defect
-from gtsam_nav.sonar.echoes import _thresholds, beam_bearings, echoes_of_scans, segment
+from gtsam_nav.sonar.echoes import Echoes, _thresholds, beam_bearings, echoes_of_scans, segment
 from gtsam_nav.sonar.settings import SegmentationSettings
 
 BINS, RESOLUTION_M = 300, 0.1
@@ -230,6 +230,14 @@ def test_scans_extracted_elsewhere_become_echoes() -> None:
     later = echoes.shift(0.25)
     np.testing.assert_array_equal(later.t, [1.25, 1.25, 3.25])
     np.testing.assert_array_equal(later.xy_b, echoes.xy_b)
+
+
+def test_mirrored_echoes_exchange_port_and_starboard() -> None:
+    points, cov = np.array([[3.0, 4.0], [6.0, -8.0]]), np.array([[4.0, 1.0], [1.0, 2.0]])
+    echoes = Echoes(np.zeros(2), np.arange(2), points, np.tile(cov, (2, 1, 1)), np.ones(2))
+    mirrored = echoes.mirrored(np.array([False, True]))
+    np.testing.assert_array_equal(mirrored.xy_b, [[3.0, 4.0], [6.0, 8.0]])
+    np.testing.assert_array_equal(mirrored.cov_b, [cov, [[4.0, -1.0], [-1.0, 2.0]]])
 
 
 @pytest.mark.parametrize(

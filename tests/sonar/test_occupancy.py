@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from gtsam_nav.frames import quaternion_from_rpy
 from gtsam_nav.solution import SonarMap
+from gtsam_nav.sonar.echoes import Echoes
 from gtsam_nav.sonar.occupancy import MOST_CELLS, OccupancyGrid, occupancy_grid
+from gtsam_nav.sonar.preparation import sonar_map
 from gtsam_nav.trajectory import Trajectory
 
 
@@ -54,6 +57,37 @@ def test_beams_start_at_the_sonar() -> None:
     grid = occupancy_grid(map_of((10.0, 3.0, 1.0)), at_rest(), np.array([0.0, 3.0, 0.5]))
     assert cell_at(grid, 5.0, 3.0) < 0.5
     assert np.sum(grid.probability < 0.5) == 50
+
+
+def test_the_sonar_of_an_inverted_vehicle_is_on_its_other_side() -> None:
+    inverted = Trajectory(
+        t=np.array([0.0, 100.0]),
+        p_n=np.zeros((2, 3)),
+        q_nb_wxyz=np.array([[0.0, 1.0, 0.0, 0.0]] * 2),
+    )
+    grid = occupancy_grid(map_of((10.0, -3.0, 1.0)), inverted, np.array([0.0, 3.0, 0.5]))
+    assert cell_at(grid, 5.0, -3.0) < 0.5
+
+
+def test_a_rolling_vehicle_does_not_see_through_walls() -> None:
+    """Both echoes of each beam are placed as if the vehicle were level, and so is its sonar."""
+    t, lever_b = np.arange(0.0, 20.0, 0.1), np.array([0.5, 0.0, 1.0])
+    rpy = np.zeros((len(t), 3))
+    rpy[:, 0] = np.radians(5.0) * np.sin(2 * np.pi * t / 5.0)
+    rolling = Trajectory(t=t, p_n=np.zeros((len(t), 3)), q_nb_wxyz=quaternion_from_rpy(rpy))
+    bearing = np.radians(np.linspace(-40.0, 40.0, len(t)))
+    ray = np.stack([np.cos(bearing), np.sin(bearing)], axis=1)
+    n = len(t)
+    echoes = Echoes(
+        t=np.tile(t, 2),
+        beam=np.tile(np.arange(n), 2),
+        xy_b=lever_b[:2] + np.concatenate([10.0 * ray, 20.0 * ray]),
+        cov_b=np.tile(np.eye(2), (2 * n, 1, 1)),
+        strength=np.full(2 * n, 200.0),
+    )
+    grid = occupancy_grid(sonar_map(echoes, rolling), rolling, lever_b)
+    wall = [cell_at(grid, *xy) for xy in echoes.xy_b[:n]]
+    assert min(wall) > 0.5
 
 
 def test_a_large_map_gets_larger_cells() -> None:

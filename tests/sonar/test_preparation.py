@@ -98,6 +98,29 @@ def test_scans_extracted_elsewhere_are_used_as_they_are() -> None:
     np.testing.assert_array_equal(echoes.beam, [0, 0, 2])
 
 
+def test_points_at_the_scanner_itself_are_none_and_said() -> None:
+    points = np.array([[3.0, 4.0], [0.0, 0.0], [6.0, -8.0]])
+    series = ScanSeries(t=np.array([1.0, 2.0]), first=np.array([0, 2, 3]), points_b=points)
+    given = mission_of(Sensor(name="laser", type="scans", series=series))
+    mission, echoes, rejections, (warning,) = leave_out_defective_sonar(given, SonarSettings())
+    assert rejections == ()
+    assert echoes is not None
+    np.testing.assert_array_equal(echoes.xy_b, points[[0, 2]])
+    np.testing.assert_array_equal(echoes.beam, [0, 1])
+    used = mission.sensors["laser"].series
+    assert isinstance(used, ScanSeries)
+    np.testing.assert_array_equal(used.first, [0, 1, 2])
+    assert warning == "sensor 'laser': 1 points at the scanner itself are left out"
+
+
+def test_scans_without_any_point_but_at_the_scanner_are_no_use() -> None:
+    series = ScanSeries(t=np.array([1.0]), first=np.array([0, 2]), points_b=np.zeros((2, 2)))
+    given = mission_of(Sensor(name="laser", type="scans", series=series))
+    _, echoes, _, warnings = leave_out_defective_sonar(given, SonarSettings())
+    assert echoes is None
+    assert warnings == ("sonar 'laser' is not used: the scans hold no points",)
+
+
 def test_turns_are_thinned() -> None:
     turns = sonar_turns(mission_of(beams()), SonarSettings())
     assert turns is not None
@@ -181,6 +204,16 @@ def test_echoes_outside_of_the_turns_are_dropped() -> None:
     np.testing.assert_array_equal(data.echoes.beam, [2, 3, 7])
     np.testing.assert_array_equal(data.echoes.strength, [101.0, 102.0, 104.0])
     assert [len(scan) for scan in data.scans] == [2, 1]
+
+
+def test_scans_of_fewer_points_can_be_left_out() -> None:
+    data = deskewed(echoes_at([2, 3, 5, 5, 7]), TURNS, still())
+    enough = data.of_least(3)
+    assert enough is not None
+    np.testing.assert_array_equal(enough.turns.t_ref, [6.0])
+    np.testing.assert_array_equal(enough.echoes.beam, [5, 5, 7])
+    assert [scan.t_ref for scan in enough.scans] == [6.0]
+    assert data.of_least(4) is None
 
 
 def test_the_record_of_scans_is_the_scans() -> None:

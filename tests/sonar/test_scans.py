@@ -73,6 +73,20 @@ def test_sector_sweeps_end_where_the_head_reverses() -> None:
         assert np.all(signs == signs[0])
 
 
+@pytest.mark.parametrize("sector_deg", [60.0, 120.0, 190.0, 300.0])
+def test_a_head_that_flies_back_keeps_all_of_its_sweeps(sector_deg: float) -> None:
+    sweep = np.radians(np.arange(0.0, sector_deg + 1.0, 2.0))
+    n = len(sweep)
+    turns = find_turns(beams_at(1.0 + np.tile(sweep, 3)), max_gap_s=3.0)
+    assert spans(turns) == [(0, n), (n, 2 * n), (2 * n, 3 * n)]
+
+
+def test_a_head_that_reverses_after_a_full_turn_makes_two_scans() -> None:
+    turn = STEP * np.arange(200)
+    turns = find_turns(beams_at(np.concatenate([turn, turn[::-1]])), max_gap_s=3.0)
+    assert spans(turns) == [(0, 201), (201, 400)]
+
+
 def test_fewer_than_three_beams_are_no_scan() -> None:
     t = np.array([0.0, 0.1, 20.0, 20.1, 20.2, 40.0])
     turns = find_turns(beams_at(STEP * np.arange(6), t), max_gap_s=3.0)
