@@ -18,9 +18,10 @@ from gtsam_nav.graph.problem import Problem
 from gtsam_nav.mission import Constraints, InitialState, Mission, Sensor
 from gtsam_nav.preprocess.alignment import align
 from gtsam_nav.preprocess.inertial_motion import inertial_motion
+from gtsam_nav.preprocess.motion import vehicle_motion
 from gtsam_nav.preprocess.strapdown import gravity_at
 from gtsam_nav.sensors.noise import ImuNoise
-from gtsam_nav.series import ImuSeries
+from gtsam_nav.series import DvlSeries, HeadingSeries, ImuSeries
 from gtsam_nav.simulation.inertia import ideal_imu
 from gtsam_nav.simulation.marina import ORIGIN, marina
 from gtsam_nav.simulation.motion import Motion, MotionSettings
@@ -136,6 +137,35 @@ def test_a_silence_is_bridged_at_constant_velocity_and_said() -> None:
     for k in (2, 3):
         values.insert(B(k), problem.bias)
     assert graph.error(values) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_silence_is_bridged_by_the_turn_that_the_compass_saw() -> None:
+    """At 1 m/s, along a quarter of a circle."""
+    t, rate = np.arange(0.0, 20.0, 0.1), np.pi / 2 / 10.0
+    yaw, one = rate * np.clip(t - 5.0, 0.0, 10.0), np.ones(len(t))
+    heard = (t < 4.0) | (t > 16.0)
+    still = np.zeros((int(heard.sum()), 3))
+    v_d = np.outer(one, [1.0, 0.0, 0.0])
+    series = (
+        ImuSeries(t=t[heard], gyro_i=still, accel_i=still - [0.0, 0.0, 9.80665]),
+        HeadingSeries(t=t, heading=yaw, sigma=0.01 * one),
+        DvlSeries(t=t, v_d=v_d, sigma=0.01 * one, valid=one > 0, bottom_lock=one > 0),
+    )
+    sensors = zip(("imu", "heading", "dvl"), series, strict=True)
+    stated = InitialState(np.zeros(3), 0.1, 0.0, 0.01)
+    mission = Mission("turn", {name: Sensor(name, name, s) for name, s in sensors}, initial=stated)
+    start = align(mission)
+    motion = vehicle_motion(mission, start, CONFIG.motion, mission.sensors["imu"])
+    problem = build_problem(mission, start, motion, np.array([0.0, 5.0, 15.0, 19.9]), CONFIG)
+    bridging = problem.steps[2]
+    assert bridging is not None
+    before = factors.nav_state(np.eye(3), np.zeros(3), np.array([1.0, 0.0, 0.0]))
+    after = bridging.pim.predict(before, problem.bias)
+    np.testing.assert_allclose(after.velocity(), [0.0, 1.0, 0.0], atol=0.05)
+    np.testing.assert_allclose(after.position(), [1 / rate, 1 / rate, 0.0], atol=0.2)
+    sigma = np.sqrt(np.diag(bridging.pim.preintMeasCov())[:3])
+    np.testing.assert_array_less(sigma[:2], np.radians(1.0))
+    assert sigma[2] > np.radians(5.0)
 
 
 def test_springs_let_the_bow_rise_as_a_vehicle_on_wheels_speeds_up() -> None:
