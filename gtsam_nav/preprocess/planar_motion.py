@@ -1,7 +1,8 @@
 """Planar dead reckoning: displacement and turn between any two times, with their noise.
 
 Speeds come from a DVL or from odometry, turns from the compass; where there is none, or while it is
-silent, from the odometry's yaw rate, else the gyro. Nothing is smoothed: what it says of a time rests on what was measured until then.
+silent, from the odometry's yaw rate, else the gyro. Nothing is smoothed: what it says of a time
+rests on what was measured until then.
 """
 
 from __future__ import annotations
