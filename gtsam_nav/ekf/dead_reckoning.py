@@ -219,7 +219,7 @@ def collect_measurements(
     parts: list[Measurements] = []
     rejections: list[Rejection] = []
     for dvl in mission.of_type("dvl"):
-        omega_b = angular_rate_b(mission, dvl.series.t) - mean_gyro_bias_b(mission)
+        omega_b = angular_rate_b(mission, dvl.series.t, mean_gyro_bias_b(mission))
         velocities = body_velocities(dvl, omega_b, settings.water_lock_after_s)
         rejections += velocities.rejections
         parts.append(

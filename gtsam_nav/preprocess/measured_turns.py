@@ -19,6 +19,7 @@ from gtsam_nav.preprocess.turn_sources import TurnSource, by_odometry, by_rate, 
 from gtsam_nav.preprocess.turning import unmeasured_yaw_variance_rad2_s
 from gtsam_nav.sensors.noise import ImuNoise
 from gtsam_nav.sensors.orientation import headings_true
+from gtsam_nav.sensors.rates import mean_gyro_bias_b
 from gtsam_nav.sensors.silences import longest_step_s
 from gtsam_nav.series import HeadingSeries, ImuSeries, OdometrySeries
 
@@ -68,7 +69,7 @@ def measured_turns(
     misses_none = fast_imu is not None and fast_imu.name == imu.name
     walk = disturbance_walk_rad2_s(mission) if misses_none else 0.0
     offset, trend = heading_less_turn(headings, np.interp(headings.t, t, turned), noise, walk)
-    bias_b[:2] = (imu.series.gyro_i @ imu.R_bs.T).mean(axis=0)[:2]
+    bias_b[:2] = mean_gyro_bias_b(mission)[:2]
     bias_b[2] = -float(np.mean(trend))
     yaw = turned + np.interp(t, headings.t, offset)
     return Turns(yaw, noise.gyro_noise_density_rad_s_sqrt_hz**2, bias_b)

@@ -300,7 +300,7 @@ def _velocity_readings(
     """
     rejections: tuple[Rejection, ...] = ()
     for dvl in mission.of_type("dvl"):
-        omega_b = angular_rate_b(mission, dvl.series.t) - gyro_bias_b
+        omega_b = angular_rate_b(mission, dvl.series.t, gyro_bias_b)
         readings = body_velocities(dvl, omega_b, settings.water_lock_after_s)
         rejections += readings.rejections
         if len(readings) >= 2:

@@ -230,7 +230,7 @@ def _held_to(
 def _speeds(mission: Mission, settings: MotionSettings) -> Speeds | None:
     """Of the first sensor that has them."""
     for dvl in mission.of_type("dvl"):
-        omega_b = angular_rate_b(mission, dvl.series.t) - mean_gyro_bias_b(mission)
+        omega_b = angular_rate_b(mission, dvl.series.t, mean_gyro_bias_b(mission))
         found = body_velocities(dvl, omega_b, settings.water_lock_after_s)
         if len(found):
             noise = DvlNoise.model_validate(dvl.noise)
