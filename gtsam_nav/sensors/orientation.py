@@ -104,11 +104,12 @@ def _declination_deg(mission: Mission, compass: Sensor) -> float:
 
 
 def tilt_at(mission: Mission, t: Array) -> tuple[Array, Array]:
-    """Roll and pitch at given times, (n, 2) rad, and their sigma (n,), rad."""
+    """Unwrapped roll and pitch at given times, (n, 2) rad, and their sigma (n,), rad."""
     sensor = mission.first("attitude")
     if sensor is None:
         return np.zeros((len(t), 2)), np.full(len(t), UNMEASURED_TILT_SIGMA_RAD)
     series = sensor.series
     assert isinstance(series, AttitudeSeries)
-    tilt = np.stack([np.interp(t, series.t, a) for a in (series.roll, series.pitch)], axis=1)
+    angles = np.unwrap(series.roll), series.pitch
+    tilt = np.stack([np.interp(t, series.t, angle) for angle in angles], axis=1)
     return tilt, np.interp(t, series.t, series.sigma)

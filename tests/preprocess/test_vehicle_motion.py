@@ -135,6 +135,16 @@ def test_places_between_the_grid_are_interpolated() -> None:
     np.testing.assert_allclose(p_n[1], motion.p_n[300])
 
 
+def test_a_motion_upside_down_is_so_between_its_times() -> None:
+    t = times(10.0)
+    rolled = wrap_angle(np.pi + 0.02 * np.where(np.arange(len(t)) % 2, 1.0, -1.0))
+    one = np.ones(len(t))
+    ahrs = AttitudeSeries(t=t, roll=rolled, pitch=0.0 * t, sigma=0.01 * one)
+    motion = moved(dvl(), compass(0.0 * t, t), Sensor("attitude", "attitude", ahrs))
+    _, rpy = motion.at(np.arange(10.0, 50.0, 0.033))
+    assert np.max(np.abs(wrap_angle(rpy[:, 0] - np.pi))) < 0.021
+
+
 def test_odometry_alone_drives_a_circle() -> None:
     speed, rate = 0.5, 0.1
     motion = moved(odometry(speed, rate))

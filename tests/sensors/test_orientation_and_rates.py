@@ -65,6 +65,14 @@ def test_tilt_is_interpolated() -> None:
     np.testing.assert_allclose(sigma, [0.01, 0.02, 0.03])
 
 
+def test_a_roll_is_interpolated_across_the_wrap() -> None:
+    """A vehicle that swims upside down does not stand on its feet between two readings."""
+    roll = wrap_angle(np.pi + np.array([-0.02, 0.02, 0.04]))
+    series = AttitudeSeries(t=[0.0, 1.0, 2.0], roll=roll, pitch=np.zeros(3), sigma=np.ones(3))
+    tilt, _ = tilt_at(mission(Sensor("a", "attitude", series)), np.array([0.5, 1.5]))
+    np.testing.assert_allclose(wrap_angle(tilt[:, 0] - np.pi), [0.0, 0.03], atol=1e-12)
+
+
 def test_tilt_that_nobody_measures_is_level_and_vague() -> None:
     tilt, sigma = tilt_at(mission(), np.arange(3.0))
     np.testing.assert_array_equal(tilt, np.zeros((3, 2)))
