@@ -11,7 +11,7 @@ import numpy as np
 from gtsam_nav.config import Config
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.factors import B
-from gtsam_nav.graph.measurements.orientation import UNMEASURED_TURN_RAD2_S, add_unmeasured_turn
+from gtsam_nav.graph.measurements.orientation import add_tilt, add_unmeasured_turn
 from gtsam_nav.graph.measurements.velocity import add_velocity
 from gtsam_nav.graph.preintegration import InertialStep, Readings, imu_parameters
 from gtsam_nav.graph.problem import Problem
@@ -20,6 +20,7 @@ from gtsam_nav.preprocess.alignment import Alignment
 from gtsam_nav.preprocess.motion import VehicleMotion, measures_velocity, vehicle_motion
 from gtsam_nav.preprocess.strapdown import gravity_at
 from gtsam_nav.sensors.noise import ImuNoise
+from gtsam_nav.sensors.orientation import UNMEASURED_TILT_SIGMA_RAD
 from gtsam_nav.sensors.silences import silent_spells
 from gtsam_nav.series import BoolArray, ImuSeries
 
@@ -80,13 +81,14 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
                 t_s - before_s,
                 walking=walking and walking(g_n),
             )
-        elif problem.measures_velocity and has_tilt:
+        elif problem.measures_velocity:
             add_velocity(problem, k, config)
             add_unmeasured_turn(problem, k)
+            if not has_tilt:
+                tilt = problem.rpy[k, :2]
+                add_tilt(problem, mission, k, tilt, UNMEASURED_TILT_SIGMA_RAD, config)
         else:
             problem.steps[k] = _coasting(problem, k, gravity_n[k - 1], imu)
-            if problem.measures_velocity:
-                add_velocity(problem, k, config)
     instead = "the other sensors carry on" if problem.measures_velocity else "constant velocity"
     for a, b in silences(series, problem.t[0], problem.t[-1]):
         problem.warnings.append(
@@ -155,46 +157,33 @@ def _covered(imu: ImuSeries, t_key: Array) -> BoolArray:
 
 
 def _coasting(problem: Problem, k: int, gravity_n: Array, imu: Sensor) -> InertialStep:
-    """Constant velocity and attitude, as uncertain as this vehicle's habits make them; or as the
-    other sensors see both change."""
+    """Constant velocity and attitude, as uncertain as this vehicle's habits make them."""
     series = imu.series
     assert isinstance(series, ImuSeries)
-    noise = ImuNoise.model_validate(imu.noise)
-    accel2 = _habit(series.t, series.accel_i, noise.accel_noise_density_m_s2_sqrt_hz)
-    gyro2 = _habit(series.t, series.gyro_i, noise.gyro_noise_density_rad_s_sqrt_hz) * np.eye(3)
-    accel_b, rate_b = np.zeros(3), np.zeros(3)
-    span_s = float(problem.t[k] - problem.t[k - 1])
-    if problem.measures_velocity:
-        accel_b, rate_b = _seen(problem, k, span_s)
-        accel2 += 2.0 * float(problem.sigma_v[k]) ** 2 / span_s
-        down_b = problem.R_nb[k - 1][2]
-        gyro2 += UNMEASURED_TURN_RAD2_S * np.outer(down_b, down_b)
     parameters = gtsam.PreintegrationParams(gravity_n)
-    parameters.setAccelerometerCovariance(accel2 * np.eye(3))
-    parameters.setGyroscopeCovariance(gyro2)
+    noise = ImuNoise.model_validate(imu.noise)
+    for readings, density, set_covariance in (
+        (
+            series.accel_i,
+            noise.accel_noise_density_m_s2_sqrt_hz,
+            parameters.setAccelerometerCovariance,
+        ),
+        (series.gyro_i, noise.gyro_noise_density_rad_s_sqrt_hz, parameters.setGyroscopeCovariance),
+    ):
+        # a vehicle at rest has no habits: no surer than the readings would be
+        set_covariance(max(2 * HABIT_S * _habit(series.t, readings), density**2) * np.eye(3))
     parameters.setIntegrationCovariance(1e-10 * np.eye(3))
-    force_b = accel_b - problem.R_nb[k - 1].T @ gravity_n
+    span_s = float(problem.t[k] - problem.t[k - 1])
     n = int(np.ceil(span_s / COASTING_STEP_S))
     # the estimated biases are taken off again
-    biased = force_b + problem.bias.accelerometer(), rate_b + problem.bias.gyroscope()
-    accel, gyro = (np.tile(one, (n, 1)) for one in biased)
+    force_b = -problem.R_nb[k - 1].T @ gravity_n + problem.bias.accelerometer()
+    accel, gyro = (np.tile(one, (n, 1)) for one in (force_b, problem.bias.gyroscope()))
     steady = Readings(accel, gyro, np.full(n, span_s / n))
     return InertialStep(k, problem.bias, parameters, lambda: steady, span_s)
 
 
-def _seen(problem: Problem, k: int, span_s: float) -> tuple[Array, Array]:
-    """Acceleration and rate along body axes (3,), both constant, that lead from the motion's own
-    velocity and yaw at the keyframe before to those at keyframe k."""
-    rate_b = problem.R_nb[k - 1][2] * (problem.rpy[k, 2] - problem.rpy[k - 1, 2]) / span_s
-    before_b, after_b = problem.v_b[k - 1 : k + 1]
-    return (after_b - before_b) / span_s + np.cross(rate_b, 0.5 * (before_b + after_b)), rate_b
-
-
-def _habit(t: Array, readings: Array, density: float) -> float:
-    """Density of the variance of what the readings of a mission tell of its other seconds.
-
-    A vehicle at rest has no habits: they are no surer than the readings would be.
-    """
+def _habit(t: Array, readings: Array) -> float:
+    """Variance of the readings of a mission over a second, the largest of the axes."""
     _, which, count = np.unique((t / HABIT_S).astype(int), return_inverse=True, return_counts=True)
     means = [np.bincount(which, axis) / count for axis in readings.T]
-    return max(2 * HABIT_S * float(max(np.var(axis) for axis in means)), density**2)
+    return float(max(np.var(axis) for axis in means))

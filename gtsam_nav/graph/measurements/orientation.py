@@ -36,7 +36,7 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
     elif measures_tilt and not problem.planar:
         tilt, sigma = tilt_at(mission, problem.t)
         for k in range(len(problem.t)):
-            _add_tilt(problem, mission, k, tilt[k], float(sigma[k]), config)
+            add_tilt(problem, mission, k, tilt[k], float(sigma[k]), config)
 
 
 def _add_compass(problem: Problem, mission: Mission) -> None:
@@ -82,7 +82,7 @@ def _add_orientations(problem: Problem, mission: Mission, config: Config) -> Non
             factor = factors.orientation(problem.compass_at(k), X(k), R_measured[k], sigmas)
             problem.add_gated(k, "heading", int(row[k]), factor, config.graph.robust.heading)
         else:
-            _add_tilt(problem, mission, k, tilt[k], float(sigma_tilt[k]), config)
+            add_tilt(problem, mission, k, tilt[k], float(sigma_tilt[k]), config)
             add_unmeasured_turn(problem, k)
 
 
@@ -144,7 +144,7 @@ def _averaged_headings(problem: Problem, mission: Mission) -> tuple[Array, Array
     return heading, np.where(count > 0, sigma, np.inf), headings.row[first]
 
 
-def _add_tilt(
+def add_tilt(
     problem: Problem, mission: Mission, k: int, tilt: Array, sigma: float, config: Config
 ) -> None:
     """Roll and pitch of a keyframe without a heading."""
