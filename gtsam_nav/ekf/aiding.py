@@ -21,6 +21,7 @@ from gtsam_nav.sensors import depth, dvl, gnss, orientation
 from gtsam_nav.sensors.fix_errors import AlikeFixes, alike_fixes, white_sigma
 from gtsam_nav.sensors.noise import AttitudeNoise, DvlNoise, GnssNoise, HeadingNoise, OdometryNoise
 from gtsam_nav.sensors.prediction import Prediction
+from gtsam_nav.sensors.rates import rate_without_gyro_b
 from gtsam_nav.series import AttitudeSeries, DepthSeries, GnssSeries, OdometrySeries
 
 
@@ -102,8 +103,11 @@ def _gnss(
     if v_n is None or not settings.use_velocity:
         return
 
+    t = series.t - noise.velocity_lag_s
+    unheard_b = rate_without_gyro_b(mission, t)
+
     def velocity(k: int, state: InertialState, _: Array) -> Prediction:
-        rate_b = strapdown.rate_b(state)
+        rate_b = strapdown.rate_b(state, unheard_b[k])
         found = gnss.predict_velocity(state.body, v_n[k], rate_b, lever_b, noise.sigma_velocity_m_s)
         return Prediction(found.residual[:rows], found.jacobian[:rows], found.cov[:rows, :rows])
 
@@ -111,7 +115,7 @@ def _gnss(
         f"{receiver.name} velocity",
         "velocity",
         rows,
-        series.t - noise.velocity_lag_s,
+        t,
         series.row,
         velocity,
         settings.velocity_gate_probability if settings.reject_outliers else None,
@@ -131,17 +135,19 @@ def _velocities(
     for sensor in mission.of_type("dvl"):
         found = dvl.body_velocities(sensor, np.zeros((len(sensor.series), 3)), limit_s)
         rejections += found.rejections
-        aids.append(_dvl(found, sensor, strapdown, gate))
+        aids.append(_dvl(found, sensor, rate_without_gyro_b(mission, found.t), strapdown, gate))
     if not any(len(aid.t) for aid in aids):
         aids = [_odometry(sensor, strapdown, gate) for sensor in mission.of_type("odometry")]
     return aids, rejections
 
 
-def _dvl(found: dvl.BodyVelocities, sensor: Sensor, strapdown: Strapdown, gate: float) -> Aid:
+def _dvl(
+    found: dvl.BodyVelocities, sensor: Sensor, unheard_b: Array, strapdown: Strapdown, gate: float
+) -> Aid:
     noise = DvlNoise.model_validate(sensor.noise)
     scale, misalignment = noise.scale_sigma, np.radians(noise.misalignment_sigma_deg)
     errors = SharedErrors(np.array([scale, misalignment, 0.0, 0.0]), np.full(4, np.inf))
-    return _body_velocity(found, errors, sensor.xyz_b, strapdown, gate)
+    return _body_velocity(found, errors, sensor.xyz_b, unheard_b, strapdown, gate)
 
 
 def _odometry(sensor: Sensor, strapdown: Strapdown, gate: float) -> Aid:
@@ -156,13 +162,14 @@ def _odometry(sensor: Sensor, strapdown: Strapdown, gate: float) -> Aid:
     )
     v_b = np.column_stack([series.v_b, np.zeros(len(series))])
     found = dvl.BodyVelocities(sensor.name, series.t, v_b, series.sigma_v, series.row)
-    return _body_velocity(found, errors, np.zeros(3), strapdown, gate)
+    return _body_velocity(found, errors, np.zeros(3), np.zeros_like(v_b), strapdown, gate)
 
 
 def _body_velocity(
     found: dvl.BodyVelocities,
     errors: SharedErrors,
     arm_b: Array,
+    unheard_b: Array,
     strapdown: Strapdown,
     gate: float,
 ) -> Aid:
@@ -170,7 +177,7 @@ def _body_velocity(
     slip on two axes.
 
     The arm turns by the gyro less its bias as it is known by then: a bias would lend the vehicle a
-    constant velocity sideways.
+    constant velocity sideways. While the gyro is silent it turns by ``unheard_b``, shape (n, 3).
     """
     some = errors.sigma > 0
 
@@ -181,7 +188,7 @@ def _body_velocity(
         return np.column_stack([scaled, turned, np.eye(3, 2)])[:, some]
 
     def velocity(k: int, state: InertialState, shared: Array) -> Prediction:
-        turning_b = np.cross(strapdown.rate_b(state), arm_b)
+        turning_b = np.cross(strapdown.rate_b(state, unheard_b[k]), arm_b)
         measured = found.v_b[k] - turning_b - by_error(state) @ shared
         return dvl.predict(state.body, measured, float(found.sigma[k]))
 

@@ -32,7 +32,8 @@ from gtsam_nav.sensors.noise import HeadingNoise
 from gtsam_nav.sensors.orientation import headings_true, tilt_at
 from gtsam_nav.sensors.prediction import chi2_limit
 from gtsam_nav.sensors.rates import angular_rate_b, mean_gyro_bias_b
-from gtsam_nav.series import DepthSeries, IntArray, OdometrySeries
+from gtsam_nav.sensors.silences import is_heard, longest_step_s
+from gtsam_nav.series import DepthSeries, HeadingSeries, IntArray, OdometrySeries
 from gtsam_nav.solution import Innovations, Progress, Solution, StageClock
 from gtsam_nav.trajectory import SAME_TIME_S, Trajectory, record_times
 
@@ -218,7 +219,7 @@ def collect_measurements(
     parts: list[Measurements] = []
     rejections: list[Rejection] = []
     for dvl in mission.of_type("dvl"):
-        omega_b = angular_rate_b(mission, dvl.series.t) - mean_gyro_bias_b(mission)
+        omega_b = angular_rate_b(mission, dvl.series.t, mean_gyro_bias_b(mission))
         velocities = body_velocities(dvl, omega_b, settings.water_lock_after_s)
         rejections += velocities.rejections
         parts.append(
@@ -243,13 +244,13 @@ def collect_measurements(
     if headings is not None:
         value, sigma = headings.heading[:, None], headings.sigma[:, None]
         parts.append(_part("heading", headings.t, headings.row, YAW, value, sigma**2))
-    elif by_dvl:
-        parts += _turn_rates(mission)
+    if headings is not None or by_dvl:  # else they come with the speeds
+        parts += _turn_rates(mission, headings)
     return _merged(parts), tuple(rejections)
 
 
 def _odometry(mission: Mission) -> Iterator[Measurements]:
-    # wheels and thrusters slip in turns: where a compass tells these, they are the compass's
+    # wheels and thrusters slip in turns: while a compass tells these, they are the compass's
     size = 4 if headings_true(mission) is None else 3
     for sensor in mission.of_type("odometry"):
         series = sensor.series
@@ -263,13 +264,16 @@ def _odometry(mission: Mission) -> Iterator[Measurements]:
         yield _part(sensor.name, series.t, series.row, start, value[:, :size], variance[:, :size])
 
 
-def _turn_rates(mission: Mission) -> Iterator[Measurements]:
-    """What odometry tells of the turns where no compass does; its speeds give way to the DVL's."""
+def _turn_rates(mission: Mission, headings: HeadingSeries | None) -> Iterator[Measurements]:
+    """What odometry tells of the turns while no compass does, apart from its speeds."""
     for sensor in mission.of_type("odometry"):
-        series = sensor.series
+        series, name = sensor.series, sensor.name
         assert isinstance(series, OdometrySeries)
+        if headings is not None and len(headings):
+            told = is_heard(headings.t, series.t, longest_step_s(headings.t))
+            series, name = series.select(~told), f"{name} yaw rate"
         value, sigma = series.yaw_rate[:, None], series.sigma_yaw_rate[:, None]
-        yield _part(sensor.name, series.t, series.row, YAW_RATE, value, sigma**2)
+        yield _part(name, series.t, series.row, YAW_RATE, value, sigma**2)
 
 
 def _levelled(mission: Mission, t: Array, v_b: Array) -> Array:

@@ -147,16 +147,23 @@ class Strapdown:
 
     def silences(self, from_s: float, to_s: float) -> Array:
         """First and last moment of each spell within a span that no held reading covers, (k, 2)."""
+        return silent_spells(self.t, from_s, to_s, self._longest_s)
+
+    @cached_property
+    def _longest_s(self) -> float:
+        """How long a reading is held."""
         from gtsam_nav.ekf import _strapdown
 
-        longest_s = max(self.max_gap_s, _strapdown.HOLD_S)
-        return silent_spells(self.t, from_s, to_s, longest_s)
+        return max(self.max_gap_s, _strapdown.HOLD_S)
 
-    def rate_b(self, state: InertialState) -> Array:
-        """Angular rate of the body against the Earth at a state's time, shape (3,), rad/s."""
+    def rate_b(self, state: InertialState, unheard_b: Array) -> Array:
+        """Angular rate of the body against the Earth at a state's time, shape (3,), rad/s; while no
+        reading is held that which others tell."""
         k = int(np.searchsorted(self.t, state.t))
         a, b = max(k - 1, 0), min(k, len(self.t) - 1)
         span_s = self.t[b] - self.t[a]
+        if max(span_s, self.t[0] - state.t, state.t - self.t[-1]) > self._longest_s:
+            return unheard_b
         share = (state.t - self.t[a]) / span_s if span_s > 0 else 0.0
         rate_b = self.gyro_b[a] + min(share, 1.0) * (self.gyro_b[b] - self.gyro_b[a])
         rate_b = rate_b - state.gyro_bias_b

@@ -15,6 +15,7 @@ import numpy as np
 from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.mission import Mission
 from gtsam_nav.sensors.noise import HeadingNoise
+from gtsam_nav.sensors.silences import silent_spells
 from gtsam_nav.series import HeadingSeries, ImuSeries, IntArray
 
 BESIDE_S = 1.0
@@ -24,6 +25,8 @@ STEP_SIGMAS = 8.0
 """A step is larger than this many standard deviations of the difference of two readings."""
 MAX_GAP_S = 1.0
 """Over a longer silence of the compass anything may have happened."""
+MAX_GYRO_GAP_S = 0.5
+"""Over a longer one of the gyro the vehicle may have turned, and a turn is no step."""
 
 
 def without_compass_steps(mission: Mission) -> tuple[Mission, tuple[str, ...]]:
@@ -41,7 +44,7 @@ def without_compass_steps(mission: Mission) -> tuple[Mission, tuple[str, ...]]:
     mean_rate = 0.5 * (rate[1:] + rate[:-1])
     turned = np.concatenate([[0.0], np.cumsum(mean_rate * np.diff(imu.series.t))])
     unseen = np.unwrap(series.heading) - np.interp(series.t, imu.series.t, turned)
-    at = _steps(series, unseen)
+    at = _steps(series, unseen, imu.series.t)
     if not len(at):
         return mission, ()
     offset = np.zeros(len(series))
@@ -63,21 +66,32 @@ def without_compass_steps(mission: Mission) -> tuple[Mission, tuple[str, ...]]:
     return mission.with_sensor(corrected), tuple(warnings)
 
 
-def _steps(series: HeadingSeries, unseen: Array) -> IntArray:
+def _steps(series: HeadingSeries, unseen: Array, t_gyro: Array) -> IntArray:
     """First readings after a step."""
     change = np.abs(wrap_angle(np.diff(unseen)))
     sigma = np.hypot(series.sigma[1:], series.sigma[:-1])
     sudden = (change > np.maximum(LEAST_STEP_RAD, STEP_SIGMAS * sigma)) & (
         np.diff(series.t) < MAX_GAP_S
     )
-    candidates = np.flatnonzero(sudden) + 1
+    candidates = [int(k) for k in np.flatnonzero(sudden) + 1 if _watched(series.t, t_gyro, int(k))]
     # a lone bad reading goes up and down again
-    lasting = [abs(_size(series.t, unseen, int(k))) > 0.5 * change[k - 1] for k in candidates]
-    return np.asarray(candidates[np.array(lasting, dtype=bool)])
+    lasting = [k for k in candidates if abs(_size(series.t, unseen, k)) > 0.5 * change[k - 1]]
+    return np.array(lasting, dtype=np.int64)
+
+
+def _watched(t: Array, t_gyro: Array, k: int) -> bool:
+    """Whether the gyro speaks all the while that tells of a step before reading k."""
+    before, after = _beside(t, k)
+    return not len(silent_spells(t_gyro, t[before][0], t[after][-1], MAX_GYRO_GAP_S))
 
 
 def _size(t: Array, unseen: Array, k: int) -> float:
     """Of the step before reading k: medians of what is beside it."""
-    before = slice(np.searchsorted(t, t[k] - BESIDE_S), k)
-    after = slice(k, np.searchsorted(t, t[k] + BESIDE_S))
+    before, after = _beside(t, k)
     return float(wrap_angle(np.median(unseen[after]) - np.median(unseen[before])))
+
+
+def _beside(t: Array, k: int) -> tuple[slice, slice]:
+    """Readings before a step and from reading k on."""
+    first, stop = np.searchsorted(t, [t[k] - BESIDE_S, t[k] + BESIDE_S])
+    return slice(int(first), k), slice(k, int(stop))

@@ -68,7 +68,7 @@ def edge_motion(mission: Mission, start: Alignment) -> VehicleMotion:
     moved, turned = (np.max(variance[:, own], axis=1) for own in (slice(3, 6), slice(0, 3)))
     growth = float(np.median(moved / span_s))
     rpy = rpy_from_rotation(R_nb)
-    rpy[:, 2] = np.unwrap(rpy[:, 2])
+    rpy[:, [0, 2]] = np.unwrap(rpy[:, [0, 2]], axis=0)
     return VehicleMotion(
         t=t,
         p_n=p_n,

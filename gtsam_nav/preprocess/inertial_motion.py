@@ -98,7 +98,7 @@ def _unaided(
         max_gap_s=MAX_GAP_S,
     )
     rpy = rpy_from_rotation(moving.R_nb)
-    rpy[:, 2] = np.unwrap(rpy[:, 2])
+    rpy[:, [0, 2]] = np.unwrap(rpy[:, [0, 2]], axis=0)
     return rpy, moving.p_n, moving.v_n, bias_b
 
 

@@ -44,14 +44,14 @@ def readings_of(imu: Sensor) -> Readings:
 
 
 def tilt_by(imu: Sensor, t: Array) -> Array:
-    """Roll and pitch at given times, (k, 2) rad, by an IMU alone."""
+    """Unwrapped roll and pitch at given times, (k, 2) rad, by an IMU alone."""
     readings = readings_of(imu)
     tilt, _ = levelled(readings, ImuNoise.model_validate(imu.noise))
     return np.stack([np.interp(t, readings.t, axis) for axis in tilt.T], axis=1)
 
 
 def levelled(readings: Readings, noise: ImuNoise) -> tuple[Array, Array]:
-    """Roll and pitch (n, 2), rad, and the mean gyro biases about x and y (2,), rad/s.
+    """Unwrapped roll and pitch (n, 2), rad, and the mean gyro biases about x and y (2,), rad/s.
 
     The gyro turns both; its difference to gravity's direction is smoothed as the gyro drifts.
     """
@@ -61,7 +61,7 @@ def levelled(readings: Readings, noise: ImuNoise) -> tuple[Array, Array]:
     _, which, count = np.unique(bins, return_inverse=True, return_counts=True)
     fx, fy, fz = (np.bincount(which, axis) / count for axis in readings.accel_b.T)
     t = np.bincount(which, readings.t) / count
-    level = np.column_stack([np.arctan2(-fy, -fz), np.arctan2(fx, np.hypot(fy, fz))])
+    level = np.column_stack([np.unwrap(np.arctan2(-fy, -fz)), np.arctan2(fx, np.hypot(fy, fz))])
     variance = np.maximum(np.var(level, axis=0), LEAST_TILT_SIGMA_RAD**2)
     tilt = np.stack([np.interp(readings.t, t, axis) for axis in level.T], axis=1)
     bias = np.zeros(2)

@@ -15,9 +15,12 @@ from gtsam_nav.preprocess.compass_turns import (
     turned_by_compass,
 )
 from gtsam_nav.preprocess.settings import MotionSettings
+from gtsam_nav.preprocess.turn_sources import TurnSource, by_odometry, by_rate, spliced
 from gtsam_nav.preprocess.turning import unmeasured_yaw_variance_rad2_s
 from gtsam_nav.sensors.noise import ImuNoise
 from gtsam_nav.sensors.orientation import headings_true
+from gtsam_nav.sensors.rates import mean_gyro_bias_b
+from gtsam_nav.sensors.silences import longest_step_s
 from gtsam_nav.series import HeadingSeries, ImuSeries, OdometrySeries
 
 MAX_RATE_GAP_S = 0.5
@@ -55,10 +58,9 @@ def measured_turns(
     imu = mission.first("imu")
     bias_b = np.zeros(3)
     if headings is not None and turned_by_compass(mission):
-        walk = disturbance_walk_rad2_s(mission)
-        level, sigma = smoothed_heading(headings, walk, settings.sigma_yaw_accel_rad_s2)
-        # over the memory of the smoother, about a second, its error is one draw
-        return Turns(np.interp(t, headings.t, level), sigma**2 + walk, bias_b, sigma)
+        compass, variance, sigma = _by_compass(mission, headings, settings)
+        yaw = _closed(spliced(compass, *by_odometry(mission)), compass, t)
+        return Turns(yaw, variance, bias_b, sigma)
     turned, rate_variance = _turned(mission, t, settings)
     if headings is None or len(headings) < 2 or imu is None:
         return Turns(start.rpy[2] + turned, rate_variance, bias_b)
@@ -67,39 +69,56 @@ def measured_turns(
     misses_none = fast_imu is not None and fast_imu.name == imu.name
     walk = disturbance_walk_rad2_s(mission) if misses_none else 0.0
     offset, trend = heading_less_turn(headings, np.interp(headings.t, t, turned), noise, walk)
-    bias_b[:2] = (imu.series.gyro_i @ imu.R_bs.T).mean(axis=0)[:2]
+    bias_b[:2] = mean_gyro_bias_b(mission)[:2]
     bias_b[2] = -float(np.mean(trend))
     yaw = turned + np.interp(t, headings.t, offset)
     return Turns(yaw, noise.gyro_noise_density_rad_s_sqrt_hz**2, bias_b)
 
 
+def _by_compass(
+    mission: Mission, headings: HeadingSeries, settings: MotionSettings
+) -> tuple[TurnSource, float, float]:
+    """The smoothed heading, the growth of its variance, and its sigma."""
+    walk = disturbance_walk_rad2_s(mission)
+    level, sigma = smoothed_heading(headings, walk, settings.sigma_yaw_accel_rad_s2)
+    source = TurnSource(headings.t, level, longest_step_s(headings.t))
+    # over the memory of the smoother, about a second, its error is one draw
+    return source, sigma**2 + walk, sigma
+
+
+def _closed(turns: TurnSource, compass: TurnSource, t: Array) -> Array:
+    """Headings at times (n,) by turns that bridge the compass's silences and end at what it says
+    then: what they are off by is spread over each."""
+    offset = np.unwrap(compass.turned - np.interp(compass.t, turns.t, turns.turned))
+    return np.interp(t, turns.t, turns.turned) + np.interp(t, compass.t, offset)
+
+
 def _turned(mission: Mission, t: Array, settings: MotionSettings) -> tuple[Array, float]:
     """Integral of the yaw rate over the grid, and the growth of its variance.
 
-    Where the rate falls silent the compass, if there is one, says how far the vehicle turned.
+    Where a gyro falls silent the compass says how far the vehicle turned, else the odometry.
     """
     imu, odometry = mission.first("imu"), mission.first("odometry")
+    span_s = min(mission.span_s[0], float(t[0])), float(t[-1])
+    others = list(by_odometry(mission))
     if imu is not None:
         assert isinstance(imu.series, ImuSeries)
-        t_rate, rate = imu.series.t, (imu.series.gyro_i @ imu.R_bs.T)[:, 2]
+        rate = (imu.series.gyro_i @ imu.R_bs.T)[:, 2]
+        turns = by_rate(imu.series.t, rate, span_s, MAX_RATE_GAP_S)
+        headings = headings_true(mission)
+        if headings is not None and len(headings) > 1:
+            others.insert(0, _by_compass(mission, headings, settings)[0])
         variance = ImuNoise.model_validate(imu.noise).gyro_noise_density_rad_s_sqrt_hz ** 2
     elif odometry is not None:
         assert isinstance(odometry.series, OdometrySeries)
-        t_rate, rate = odometry.series.t, odometry.series.yaw_rate
+        turns, *others = others
+        t_rate = odometry.series.t
         step_s = float(np.median(np.diff(t_rate))) if len(t_rate) > 1 else 1.0
         variance = float(np.median(odometry.series.sigma_yaw_rate**2)) * step_s
     else:
         return np.zeros(len(t)), unmeasured_yaw_variance_rad2_s(settings)
-    t_rate = np.concatenate([[min(t[0], t_rate[0])], t_rate, [max(t[-1], t_rate[-1])]])
-    rate = np.concatenate([rate[:1], rate, rate[-1:]])
-    steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(t_rate)
-    silent = np.diff(t_rate) > MAX_RATE_GAP_S
-    headings = headings_true(mission)
-    if headings is not None and np.any(silent):
-        compass = np.interp(t_rate, headings.t, np.unwrap(headings.heading))
-        steps[silent] = np.diff(compass)[silent]
-    integral = np.concatenate([[0.0], np.cumsum(steps)])
-    return np.interp(t, t_rate, integral), variance
+    turns = spliced(turns, *others)
+    return np.interp(t, turns.t, turns.turned), variance
 
 
 def heading_less_turn(

@@ -45,7 +45,7 @@ class VehicleMotion:
     p_n : ndarray, shape (n, 3)
         Position, m, from the alignment on.
     rpy : ndarray, shape (n, 3)
-        Roll, pitch and unwrapped yaw, rad.
+        Unwrapped roll, pitch and unwrapped yaw, rad.
     v_b : ndarray, shape (n, 3)
         Smoothed body velocity, m/s.
     sigma_v : ndarray, shape (n,)
@@ -93,7 +93,7 @@ class VehicleMotion:
         return np.asarray(np.abs(b - a))
 
     def at(self, t: Array) -> tuple[Array, Array]:
-        """Position (k, 3) and roll, pitch, unwrapped yaw (k, 3) at given times."""
+        """Position (k, 3) and roll, pitch, yaw (k, 3), unwrapped, at given times."""
         i = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, max(len(self.t) - 2, 0))
         j = np.minimum(i + 1, len(self.t) - 1)
         span = np.maximum(self.t[j] - self.t[i], 1e-12)
@@ -291,7 +291,7 @@ def _velocity_readings(
     """
     rejections: tuple[Rejection, ...] = ()
     for dvl in mission.of_type("dvl"):
-        omega_b = angular_rate_b(mission, dvl.series.t) - gyro_bias_b
+        omega_b = angular_rate_b(mission, dvl.series.t, gyro_bias_b)
         readings = body_velocities(dvl, omega_b, settings.water_lock_after_s)
         rejections += readings.rejections
         if len(readings) >= 2:

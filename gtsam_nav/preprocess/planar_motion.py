@@ -1,7 +1,8 @@
 """Planar dead reckoning: displacement and turn between any two times, with their noise.
 
-Speeds come from a DVL or from odometry, turns from the compass, else the odometry's yaw rate, else
-the gyro. Nothing is smoothed: what it says of a time rests on what was measured until then.
+Speeds come from a DVL or from odometry, turns from the compass; where there is none, or while it is
+silent, from the odometry's yaw rate, else the gyro. Nothing is smoothed: what it says of a time
+rests on what was measured until then.
 """
 
 from __future__ import annotations
@@ -14,10 +15,12 @@ from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.settings import MotionSettings
+from gtsam_nav.preprocess.turn_sources import TurnSource, spliced
 from gtsam_nav.sensors.dvl import body_velocities, water_spells
 from gtsam_nav.sensors.noise import DvlNoise, HeadingNoise, ImuNoise, OdometryNoise
 from gtsam_nav.sensors.orientation import headings_true
 from gtsam_nav.sensors.rates import angular_rate_b, mean_gyro_bias_b
+from gtsam_nav.sensors.silences import longest_step_s
 from gtsam_nav.series import HeadingSeries, ImuSeries, OdometrySeries
 
 
@@ -227,7 +230,7 @@ def _held_to(
 def _speeds(mission: Mission, settings: MotionSettings) -> Speeds | None:
     """Of the first sensor that has them."""
     for dvl in mission.of_type("dvl"):
-        omega_b = angular_rate_b(mission, dvl.series.t) - mean_gyro_bias_b(mission)
+        omega_b = angular_rate_b(mission, dvl.series.t, mean_gyro_bias_b(mission))
         found = body_velocities(dvl, omega_b, settings.water_lock_after_s)
         if len(found):
             noise = DvlNoise.model_validate(dvl.noise)
@@ -264,19 +267,58 @@ def _course(mission: Mission, t: Array, settings: MotionSettings) -> tuple[Array
     A compass's error is a disturbance that comes and goes (`HeadingNoise`): as a random walk of the
     same strength. Its white noise does not add up.
     """
-    headings = headings_true(mission)
+    headings, rates = headings_true(mission), _by_rates(mission, settings, t)
     if headings is not None and len(headings) > 1:
         disturbance, time_s, _ = _compass_errors(mission)
-        density = 2 * disturbance**2 / time_s
-        course = np.interp(t, headings.t, np.unwrap(headings.heading))
-        return course, density * (t - t[0]), True
-    t_rate, rate, sigma = _yaw_rates(mission)
-    t_rate, rate, sigma = _held_to(t_rate, rate[:, None], sigma, t[0], t[-1])
+        course, walk = _by_compass(headings, rates, t)
+        return course, 2 * disturbance**2 / time_s * (t - t[0]) + walk, True
+    if rates is None:
+        raise DataError(
+            f"mission '{mission.name}': a DVL alone tells no turns; a compass, an IMU or odometry"
+            f" does. The mission has: {', '.join(sorted(mission.sensors))}"
+        )
+    return np.interp(t, rates.t, rates.turned), rates.walk_at(t), False
+
+
+def _by_compass(headings: HeadingSeries, rates: RateTurns | None, t: Array) -> tuple[Array, Array]:
+    """Headings at times (n,), and what the variance of those grows by that it does not tell.
+
+    While a compass is silent the rates turn its last reading on; its next one counts from then on.
+    """
+    compass = TurnSource(headings.t, np.unwrap(headings.heading), longest_step_s(headings.t))
+    if rates is None:
+        return np.interp(t, compass.t, compass.turned), np.zeros(len(t))
+    turns = spliced(compass, rates)
+    off = np.unwrap(compass.turned - np.interp(compass.t, turns.t, turns.turned))
+    last = np.maximum(np.searchsorted(compass.t, t, "right") - 1, 0)
+    told = compass.tells(0.5 * (t[1:] + t[:-1]))
+    walk = _summed(np.where(told, 0.0, np.diff(rates.walk_at(t))))
+    return np.interp(t, turns.t, turns.turned) + off[last], walk
+
+
+@dataclass(frozen=True)
+class RateTurns(TurnSource):
+    """Turns by yaw rates, and the variance (n,) that their noise and gaps have added up to."""
+
+    walk: Array
+
+    def walk_at(self, t: Array) -> Array:
+        """That variance at times (k,), rad^2."""
+        return np.interp(t, self.t, self.walk)
+
+
+def _by_rates(mission: Mission, settings: MotionSettings, t: Array) -> RateTurns | None:
+    """Over the span of some times; None where nothing measures a rate."""
+    rates = _yaw_rates(mission)
+    if rates is None:
+        return None
+    longest_s = longest_step_s(rates[0])
+    t_rate, rate, sigma = _held_to(rates[0], rates[1][:, None], rates[2], t[0], t[-1])
     dt = np.diff(t_rate)
     turned = _summed(0.5 * (rate[1:, 0] + rate[:-1, 0]) * dt)
     unseen = _silence(dt)
     walk = _walk(sigma**2 * np.median(dt), dt) + settings.sigma_yaw_accel_rad_s2**2 * unseen**3 / 12
-    return np.interp(t, t_rate, turned), np.interp(t, t_rate, _summed(walk)), False
+    return RateTurns(t_rate, turned, longest_s, _summed(walk))
 
 
 def _compass_errors(mission: Mission) -> tuple[float, float, float]:
@@ -290,20 +332,17 @@ def _compass_errors(mission: Mission) -> tuple[float, float, float]:
     return slow, noise.disturbance_time_s, float(np.median(compass.series.sigma))
 
 
-def _yaw_rates(mission: Mission) -> tuple[Array, Array, Array]:
+def _yaw_rates(mission: Mission) -> tuple[Array, Array, Array] | None:
     """Times, rates and sigmas of whatever measures the yaw rate."""
     odometry, imu = mission.first("odometry"), mission.first("imu")
     if odometry is not None:
         assert isinstance(odometry.series, OdometrySeries)
         return odometry.series.t, odometry.series.yaw_rate, odometry.series.sigma_yaw_rate
-    if imu is not None:
-        assert isinstance(imu.series, ImuSeries)
-        t = imu.series.t
-        rate = (imu.series.gyro_i @ imu.R_bs.T)[:, 2]
-        step_s = float(np.median(np.diff(t))) if len(t) > 1 else 1.0
-        white = ImuNoise.model_validate(imu.noise).gyro_noise_density_rad_s_sqrt_hz
-        return t, rate, np.full(len(t), white / np.sqrt(step_s))
-    raise DataError(
-        f"mission '{mission.name}': a DVL alone tells no turns; a compass, an IMU or odometry does."
-        f" The mission has: {', '.join(sorted(mission.sensors))}"
-    )
+    if imu is None:
+        return None
+    assert isinstance(imu.series, ImuSeries)
+    t = imu.series.t
+    rate = (imu.series.gyro_i @ imu.R_bs.T - mean_gyro_bias_b(mission))[:, 2]
+    step_s = float(np.median(np.diff(t))) if len(t) > 1 else 1.0
+    white = ImuNoise.model_validate(imu.noise).gyro_noise_density_rad_s_sqrt_hz
+    return t, rate, np.full(len(t), white / np.sqrt(step_s))

@@ -111,7 +111,7 @@ def _declination_deg(mission: Mission, compass: Sensor) -> float:
 
 
 def tilt_at(mission: Mission, t: Array) -> tuple[Array, Array]:
-    """Roll and pitch at given times, (n, 2) rad, and their sigma (n,), rad."""
+    """Unwrapped roll and pitch at given times, (n, 2) rad, and their sigma (n,), rad."""
     sensor = mission.first("attitude")
     if sensor is None:
         return np.zeros((len(t), 2)), np.full(len(t), UNMEASURED_TILT_SIGMA_RAD)

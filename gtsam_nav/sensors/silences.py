@@ -36,8 +36,10 @@ def silences(sensor: Sensor, mission: Mission) -> Array:
 
     What has a single sample holds it for good.
     """
-    longest_s = max(USUAL_STEPS * _usual_step_s(sensor), LEAST_S)
-    return silent_spells(sensor.series.t, *mission.span_s, longest_s)
+    t = sensor.series.t
+    if len(t) < 2:
+        return np.empty((0, 2))
+    return silent_spells(t, *mission.span_s, longest_step_s(t))
 
 
 def speaks_at(sensor: Sensor, mission: Mission, t: Array) -> BoolArray:
@@ -48,7 +50,7 @@ def speaks_at(sensor: Sensor, mission: Mission, t: Array) -> BoolArray:
     begin, end = spells[np.maximum(np.searchsorted(spells[:, 0], t, side="right") - 1, 0)].T
     after = np.searchsorted(stamps, t).clip(1, len(stamps) - 1)
     nearest_s = np.min(np.abs([stamps[after - 1] - t, stamps[after] - t]), axis=0)
-    return np.asarray((t < begin) | (t > end) | (nearest_s <= _usual_step_s(sensor)))
+    return np.asarray((t < begin) | (t > end) | (nearest_s <= _usual_step_s(stamps)))
 
 
 def said_of_silences(sensor: Sensor, mission: Mission, instead: str) -> Iterator[str]:
@@ -61,6 +63,18 @@ def said_of_silences(sensor: Sensor, mission: Mission, instead: str) -> Iterator
         yield f"'{sensor.name}' is silent{longest} from {begin:.1f} s to {end:.1f} s: {instead}"
 
 
-def _usual_step_s(sensor: Sensor) -> float:
-    t = sensor.series.t
-    return float(np.median(np.diff(t))) if len(t) > 1 else np.inf
+def longest_step_s(t: Array) -> float:
+    """Longest step between stamps (n,) that is no silence yet, s."""
+    return max(LEAST_S, USUAL_STEPS * _usual_step_s(t))
+
+
+def is_heard(stamps: Array, t: Array, longest_s: float) -> BoolArray:
+    """Whether times (k,) lie between stamps (n,) no further apart than so, or as near to an end."""
+    gap_s = np.concatenate([[0.0], np.diff(stamps), [0.0]])
+    around = (gap_s[np.searchsorted(stamps, t, side)] for side in ("left", "right"))
+    beyond_s = np.maximum(stamps[0] - t, t - stamps[-1])
+    return np.asarray((np.minimum(*around) <= longest_s) & (beyond_s <= longest_s))
+
+
+def _usual_step_s(t: Array) -> float:
+    return float(np.median(np.diff(t))) if len(t) > 1 else 0.0

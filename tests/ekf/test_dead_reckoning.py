@@ -303,6 +303,23 @@ def test_without_a_compass_the_wheels_tell_the_turns_beside_a_dvl() -> None:
     assert turned[-1] - turned[0] == pytest.approx(0.05 * DURATION_S, rel=0.05)
 
 
+@pytest.mark.parametrize("by_dvl", [True, False], ids=["beside a DVL", "alone"])
+def test_while_the_compass_is_silent_the_wheels_tell_the_turns(by_dvl: bool) -> None:
+    """Silent from 20 s on; until then it reads a steady heading, whatever the wheels say."""
+    both = straight().with_sensor(odometry(yaw_rate=0.05))
+    compass = both.sensors["heading"]
+    early = replace(compass, series=compass.series.select(compass.series.t < 20.0))
+    mission = both.with_sensor(early) if by_dvl else both.with_sensor(early).without("dvl")
+    solution = gn.estimate(mission, "dr")
+    assert solution.innovations["wheels yaw rate"].dof == 1
+    assert solution.innovations["wheels yaw rate"].t[0] > 20.0
+    assert ("wheels" in solution.innovations) != by_dvl
+    trajectory = solution.trajectory
+    turned = np.interp([19.0, 22.0, DURATION_S], trajectory.t, np.unwrap(trajectory.rpy[:, 2]))
+    assert turned[0] == pytest.approx(HEADING, abs=0.01)
+    assert turned[2] - turned[1] == pytest.approx(0.05 * (DURATION_S - 22.0), rel=0.05)
+
+
 def test_without_velocity_the_error_names_what_there_is() -> None:
     nothing = np.zeros(len(T_DVL), dtype=bool)
     for mission, present in (

@@ -286,3 +286,12 @@ def test_a_silent_imu_holds_its_last_readings_and_then_keeps_going() -> None:
     assert 0.1 < sigma_one[3] < 2.0  # m
     assert 50.0 < sigma_minute[3] < 1000.0
     assert sigma_minute[0] < np.radians(12.0)
+
+
+def test_the_rate_while_no_reading_is_held_is_that_which_others_tell() -> None:
+    t = np.concatenate([np.arange(0.0, 10.0, 0.01), np.arange(70.0, 80.0, 0.01)])
+    turning, level = np.tile([0.0, 0.0, 0.2], (len(t), 1)), np.tile([0.0, 0.0, -9.8], (len(t), 1))
+    strapdown, unheard_b = Strapdown(imu(t, turning, level), None), np.array([0.0, 0.0, -0.3])
+    for t_s, expected in ((5.0, 0.2), (40.0, -0.3), (70.5, 0.2), (80.5, 0.2), (82.0, -0.3)):
+        here = replace(state(np.zeros(3), np.zeros(3)), t=t_s)
+        assert strapdown.rate_b(here, unheard_b)[2] == pytest.approx(expected)

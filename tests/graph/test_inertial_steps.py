@@ -6,6 +6,7 @@ import gtsam
 import numpy as np
 import pytest
 
+import gtsam_nav as gn
 from gtsam_nav.config import Config, load_config
 from gtsam_nav.frames import Array, rotation_from_rpy
 from gtsam_nav.graph import factors
@@ -21,7 +22,7 @@ from gtsam_nav.preprocess.alignment import align
 from gtsam_nav.preprocess.inertial_motion import inertial_motion
 from gtsam_nav.preprocess.strapdown import gravity_at
 from gtsam_nav.sensors.noise import ImuNoise
-from gtsam_nav.series import ImuSeries
+from gtsam_nav.series import DvlSeries, HeadingSeries, ImuSeries
 from gtsam_nav.simulation.inertia import ideal_imu
 from gtsam_nav.simulation.marina import ORIGIN, marina
 from gtsam_nav.simulation.motion import Motion, MotionSettings
@@ -160,6 +161,29 @@ def test_a_silent_imu_measures_no_bias() -> None:
     values.insert(X(1), tilted)
     values.insert(X(2), after)
     assert coasting.factor.error(values) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_silence_is_bridged_by_the_turn_that_the_compass_saw() -> None:
+    """At 1 m/s, along a quarter of a circle; no AHRS tells the tilt meanwhile."""
+    t, rate = np.arange(0.0, 20.0, 0.1), np.pi / 2 / 10.0
+    yaw, one = rate * np.clip(t - 5.0, 0.0, 10.0), np.ones(len(t))
+    heard = (t < 4.0) | (t > 16.0)
+    still = np.zeros((int(heard.sum()), 3))
+    v_d = np.outer(one, [1.0, 0.0, 0.0])
+    series = (
+        ImuSeries(t=t[heard], gyro_i=still, accel_i=still - [0.0, 0.0, 9.80665]),
+        HeadingSeries(t=t, heading=yaw, sigma=0.01 * one),
+        DvlSeries(t=t, v_d=v_d, sigma=0.01 * one, valid=one > 0, bottom_lock=one > 0),
+    )
+    sensors = zip(("imu", "heading", "dvl"), series, strict=True)
+    stated = InitialState(np.zeros(3), 0.1, 0.0, 0.01)
+    mission = Mission("turn", {name: Sensor(name, name, s) for name, s in sensors}, initial=stated)
+    solution = gn.estimate(mission, "graph", CONFIG)
+    assert "silent from 3.9 s to 16.1 s: the other sensors carry on" in " ".join(solution.warnings)
+    trajectory = solution.trajectory
+    end = 5.0 + 1 / rate, 1 / rate + 4.9, 0.0
+    np.testing.assert_allclose(trajectory.p_n[-1], end, atol=0.1)
+    np.testing.assert_allclose(trajectory.rpy[-1], [0.0, 0.0, np.pi / 2], atol=np.radians(1.0))
 
 
 def test_springs_let_the_bow_rise_as_a_vehicle_on_wheels_speeds_up() -> None:

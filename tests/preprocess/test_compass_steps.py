@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -64,6 +66,26 @@ def test_after_a_step_the_compass_is_trusted_less() -> None:
 def test_what_is_no_step_stays(error: Array) -> None:
     measured = mission(error)
     assert without_compass_steps(measured) == (measured, ())
+
+
+@pytest.mark.parametrize("silence", [(19.0, 26.0), (19.0, np.inf)], ids=["gap", "early end"])
+def test_a_turn_that_the_gyro_could_not_see_is_no_step(silence: tuple[float, float]) -> None:
+    """At 40 deg/s each reading is four degrees on from the last one, and at a gap's end all."""
+    measured = mission(np.zeros(len(T)))
+    gyro = measured.sensors["imu"]
+    kept = (gyro.series.t < silence[0]) | (gyro.series.t > silence[1])
+    partly = measured.with_sensor(replace(gyro, series=gyro.series.select(kept)))
+    assert without_compass_steps(partly) == (partly, ())
+
+
+def test_a_step_is_found_beside_a_silence_of_the_gyro() -> None:
+    measured = mission(np.where(T > 30.0, np.radians(20.0), 0.0))
+    gyro = measured.sensors["imu"]
+    kept = (gyro.series.t < 19.0) | (gyro.series.t > 26.0)
+    partly = measured.with_sensor(replace(gyro, series=gyro.series.select(kept)))
+    _, warnings = without_compass_steps(partly)
+    assert len(warnings) == 1
+    assert "at 30.1 s" in warnings[0]
 
 
 def test_without_a_gyro_nothing_is_done() -> None:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gtsam_nav.frames import Array
-from gtsam_nav.mission import Mission
+from gtsam_nav.frames import Array, wrap_angle
+from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.alignment import align
 from gtsam_nav.preprocess.levelling import tilt_by
 from gtsam_nav.preprocess.motion import vehicle_motion
 from gtsam_nav.preprocess.settings import MotionSettings
-from gtsam_nav.series import ReferenceSeries
+from gtsam_nav.series import ImuSeries, ReferenceSeries
 from gtsam_nav.simulation import SimulationSettings, simulate
 
 
@@ -42,3 +42,15 @@ def test_without_an_ahrs_the_motion_is_levelled_by_an_imu_that_is_named(waves: M
     assert not np.any(level.rpy[:, :2])
     off = swaying.rpy[:, :2] - true_tilt(waves, swaying.t)
     assert np.all(np.std(off, axis=0) < np.radians(0.3))
+
+
+def test_a_vehicle_upside_down_is_levelled_across_the_wrap() -> None:
+    """It rocks slowly about a roll of 180 degrees."""
+    t = np.arange(0.0, 60.0, 0.05)
+    rocking = 0.2 * np.sin(0.3 * t)
+    force = -9.81 * np.column_stack([0.0 * t, -np.sin(rocking), -np.cos(rocking)])
+    rate = np.column_stack([0.06 * np.cos(0.3 * t), 0.0 * t, 0.0 * t])
+    imu = Sensor("imu", "imu", ImuSeries(t=t, gyro_i=rate, accel_i=force))
+    tilt = tilt_by(imu, t)
+    np.testing.assert_allclose(wrap_angle(tilt[:, 0] - np.pi), rocking, atol=0.02)
+    assert np.max(np.abs(np.diff(tilt[:, 0]))) < 0.01

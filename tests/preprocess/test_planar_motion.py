@@ -141,6 +141,41 @@ def test_a_compass_is_the_course() -> None:
     np.testing.assert_allclose(wrap_angle(motion.at(t)[1] - course - 1.0), 0.0, atol=1e-9)
 
 
+def with_silent_compass(mission: Mission, stop_s: float, off: float = 0.0) -> Mission:
+    """A compass that falls silent at 5 s; afterwards it is off."""
+    t, _, course, _ = truth(20.0)
+    kept = (t < 5.0) | (t > stop_s)
+    heading = HeadingSeries(
+        t=t[kept],
+        heading=wrap_angle(course + 1.0 + np.where(t > stop_s, off, 0.0))[kept],
+        sigma=np.full(int(kept.sum()), 0.01),
+    )
+    return mission.with_sensor(Sensor("heading", "heading", heading))
+
+
+@pytest.mark.parametrize("stop_s", [15.0, np.inf], ids=["gap", "early end"])
+def test_while_a_compass_is_silent_the_wheels_tell_the_turn(stop_s: float) -> None:
+    t, _, course, _ = truth(20.0)
+    mission = rover(noise=0.0, duration_s=20.0)
+    motion = motion_of(with_silent_compass(mission, stop_s))
+    _, found, variance = motion.at(t)
+    np.testing.assert_allclose(wrap_angle(found - course - 1.0), 0.0, atol=1e-3)
+    alone = motion_of(mission).at(t)[2]
+    grown, expected = (
+        np.interp(14.0, t, v) - np.interp(6.0, t, v) for v in (variance[:, 2], alone[:, 2])
+    )
+    assert grown > expected
+    assert motion.course_is_heading
+
+
+def test_what_a_compass_says_after_a_silence_does_not_change_what_was_before() -> None:
+    t, _, course, _ = truth(20.0)
+    back = motion_of(with_silent_compass(rover(noise=0.0, duration_s=20.0), 15.0, off=0.2))
+    found = wrap_angle(back.at(t)[1] - course - 1.0)
+    np.testing.assert_allclose(found[t < 14.8], 0.0, atol=1e-3)
+    np.testing.assert_allclose(found[t > 15.2], 0.2, atol=1e-3)
+
+
 def test_a_dvl_with_a_compass_moves_a_vehicle() -> None:
     t, p, course, _ = truth(20.0)
     n = len(t)

@@ -135,6 +135,16 @@ def test_places_between_the_grid_are_interpolated() -> None:
     np.testing.assert_allclose(p_n[1], motion.p_n[300])
 
 
+def test_a_motion_upside_down_is_so_between_its_times() -> None:
+    t = times(10.0)
+    rolled = wrap_angle(np.pi + 0.02 * np.where(np.arange(len(t)) % 2, 1.0, -1.0))
+    one = np.ones(len(t))
+    ahrs = AttitudeSeries(t=t, roll=rolled, pitch=0.0 * t, sigma=0.01 * one)
+    motion = moved(dvl(), compass(0.0 * t, t), Sensor("attitude", "attitude", ahrs))
+    _, rpy = motion.at(np.arange(10.0, 50.0, 0.033))
+    assert np.max(np.abs(wrap_angle(rpy[:, 0] - np.pi))) < 0.021
+
+
 def test_odometry_alone_drives_a_circle() -> None:
     speed, rate = 0.5, 0.1
     motion = moved(odometry(speed, rate))
@@ -258,6 +268,44 @@ def test_where_the_gyro_falls_silent_the_compass_turns_the_vehicle() -> None:
         )
         error = wrap_angle(motion.rpy[:, 2] - rate * motion.t)
         assert np.abs(error[motion.t < t[-1]]).max() < np.radians(0.3)
+
+
+LATE_TURN = np.array([0.0, 35.0, 45.0, 60.0]), np.array([0.0, 0.0, 4.0, 4.0])
+"""When, s, and how far, rad, a vehicle turns: more than half a circle."""
+
+
+def test_within_a_silence_of_the_gyro_the_compass_says_when_the_vehicle_turned() -> None:
+    t = times(50.0)
+    kept = (t < 20.0) | (t > 50.0)
+    rate = np.where((t > 35.0) & (t < 45.0), 0.4, 0.0)
+    gyro = imu(np.outer(rate, [0.0, 0.0, 1.0]), np.eye(3), np.zeros(3))
+    gyro = replace(gyro, series=gyro.series.select(kept))
+    t = times(10.0)
+    motion = moved(dvl(), gyro, compass(np.interp(t, *LATE_TURN), t))
+    error = wrap_angle(motion.rpy[:, 2] - np.interp(motion.t, *LATE_TURN))
+    assert np.abs(error).max() < np.radians(2.0)
+
+
+@pytest.mark.parametrize("stop_s", [50.0, np.inf], ids=["gap", "early end"])
+def test_within_a_silence_of_the_compass_the_wheels_turn_the_vehicle(stop_s: float) -> None:
+    t = times(10.0)
+    drifting = 0.002
+    rate = np.where((t > 35.0) & (t < 45.0), 0.4, 0.0) + drifting
+    wheels = odometry()
+    wheels = replace(wheels, series=replace(wheels.series, yaw_rate=rate))  # type: ignore[call-arg]
+    kept = (t < 20.0) | (t > stop_s)
+    motion = moved(wheels, compass(np.interp(t, *LATE_TURN)[kept], t[kept]))
+    error = wrap_angle(motion.rpy[:, 2] - np.interp(motion.t, *LATE_TURN))
+    assert np.abs(error).max() < drifting * 40.0 + 0.03
+    assert np.abs(error[motion.t < 20.0]).max() < 0.01
+    assert np.all(np.abs(error[motion.t > stop_s]) < 0.01)
+
+
+def test_wheels_that_stop_telling_turn_no_further() -> None:
+    """The vehicle keeps its heading where nothing says otherwise."""
+    wheels = odometry()
+    wheels = replace(wheels, series=wheels.series.select(wheels.series.t < 30.0))
+    assert moved(wheels, dvl()).rpy[-1, 2] == pytest.approx(0.1 * 29.9)
 
 
 def test_a_compass_alone_is_smoothed_across_the_wrap() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from gtsam_nav.frames import Array, rotation_from_rpy, wrap_angle
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.sensors.orientation import headings_true, measures_tilt_at, tilt_at
 from gtsam_nav.sensors.rates import angular_rate_b, mean_gyro_bias_b
-from gtsam_nav.series import AttitudeSeries, HeadingSeries, ImuSeries, OdometrySeries
+from gtsam_nav.series import AttitudeSeries, BoolArray, HeadingSeries, ImuSeries, OdometrySeries
 
 T = np.arange(0.0, 60.0, 0.1)
 RATE = 0.2
@@ -64,11 +65,12 @@ def test_tilt_is_interpolated() -> None:
     np.testing.assert_allclose(sigma, [0.01, 0.02, 0.03])
 
 
-def test_upside_down_a_roll_is_interpolated_the_short_way() -> None:
-    roll, none = np.radians([179.0, -179.0]), np.zeros(2)
-    series = AttitudeSeries(t=np.arange(2.0), roll=roll, pitch=none, sigma=none + 0.01)
-    tilt, _ = tilt_at(mission(Sensor("a", "attitude", series)), np.array([0.5]))
-    np.testing.assert_allclose(tilt, [[np.pi, 0.0]])
+def test_a_roll_is_interpolated_across_the_wrap() -> None:
+    """A vehicle that swims upside down does not stand on its feet between two readings."""
+    roll = wrap_angle(np.pi + np.array([-0.02, 0.02, 0.04]))
+    series = AttitudeSeries(t=[0.0, 1.0, 2.0], roll=roll, pitch=np.zeros(3), sigma=np.ones(3))
+    tilt, _ = tilt_at(mission(Sensor("a", "attitude", series)), np.array([0.5, 1.5]))
+    np.testing.assert_allclose(wrap_angle(tilt[:, 0] - np.pi), [0.0, 0.03], atol=1e-12)
 
 
 def test_tilt_that_nobody_measures_is_level_and_vague() -> None:
@@ -92,25 +94,54 @@ def test_rates_come_from_the_imu_first() -> None:
     R_bi = rotation_from_rpy([0.3, -0.2, 1.2])
     omega_b = np.array([0.1, -0.05, RATE])
     one = mission(gyro(R_bi.T @ omega_b, R_bi), wheels(9.0), compass(-9.0 * T))
-    np.testing.assert_allclose(angular_rate_b(one, T), np.tile(omega_b, (len(T), 1)), atol=1e-14)
+    np.testing.assert_allclose(
+        angular_rate_b(one, T, np.zeros(3)), np.tile(omega_b, (len(T), 1)), atol=1e-14
+    )
 
 
 def test_then_from_odometry() -> None:
-    found = angular_rate_b(mission(wheels(RATE), compass(-9.0 * T)), T)
+    found = angular_rate_b(mission(wheels(RATE), compass(-9.0 * T)), T, np.zeros(3))
     np.testing.assert_allclose(found, np.tile([0.0, 0.0, RATE], (len(T), 1)))
 
 
 def test_then_from_the_compass() -> None:
     """Across the wrap, and not beyond half a second of the ends."""
     wrapped = (RATE * T + np.pi) % (2 * np.pi) - np.pi
-    found = angular_rate_b(mission(compass(wrapped)), T)
+    found = angular_rate_b(mission(compass(wrapped)), T, np.zeros(3))
     found = found[5:-5]
     np.testing.assert_allclose(found, np.tile([0, 0, RATE], (len(found), 1)), atol=1e-12)
 
 
 @pytest.mark.parametrize("sensors", [(), (compass(np.zeros(1), T[:1]),)])
 def test_else_nothing_turns(sensors: tuple[Sensor, ...]) -> None:
-    np.testing.assert_array_equal(angular_rate_b(mission(*sensors), T), np.zeros((len(T), 3)))
+    found = angular_rate_b(mission(*sensors), T, np.zeros(3))
+    np.testing.assert_array_equal(found, np.zeros((len(T), 3)))
+
+
+def only(sensor: Sensor, told: BoolArray) -> Sensor:
+    return replace(sensor, series=sensor.series.select(told))
+
+
+def test_while_the_imu_is_silent_the_next_source_tells_the_rate_which_has_no_gyro_bias() -> None:
+    bias_b = np.array([0.0, 0.0, 0.5])
+    heard = (T < 20.0) | (T > 30.0) & (T < 40.0)
+    imu = only(gyro((0.0, 0.0, RATE + 0.5), np.eye(3)), heard)
+    north = compass(RATE * T)
+    for others in ((north,), (only(wheels(RATE), T > 35.0), north), (wheels(RATE), compass(-T))):
+        found = angular_rate_b(mission(imu, *others), T, bias_b)[5:-5]
+        np.testing.assert_allclose(found, np.tile([0, 0, RATE], (len(found), 1)), atol=1e-12)
+    alone = angular_rate_b(mission(imu), T, bias_b)[:, 2]
+    np.testing.assert_allclose(alone[heard], RATE, atol=1e-12)
+    np.testing.assert_array_equal(alone[(T > 20.0) & (T < 30.0) | (T > 41.0)], 0.0)
+
+
+def test_a_compass_turns_a_vehicle_that_leans_about_the_vertical() -> None:
+    half = np.full(len(T), np.pi / 2)
+    leaning = AttitudeSeries(t=T, roll=half, pitch=0.0 * T, sigma=0.01 + 0.0 * T)
+    found = angular_rate_b(
+        mission(compass(RATE * T), Sensor("attitude", "attitude", leaning)), T, np.zeros(3)
+    )[5:-5]
+    np.testing.assert_allclose(found, np.tile([0, RATE, 0], (len(found), 1)), atol=1e-12)
 
 
 def test_the_mean_gyro_bias_is_what_the_compass_does_not_turn() -> None:
@@ -133,3 +164,28 @@ def test_the_gyro_is_averaged_while_the_compass_tells_its_turn() -> None:
     np.testing.assert_allclose(mean_gyro_bias_b(both), [0.0, 0.0, 0.01], atol=1e-12)
     for apart in (compass(RATE * told, told + 100.0), compass(np.zeros(1), T[:1])):
         np.testing.assert_array_equal(mean_gyro_bias_b(mission(imu, apart)), np.zeros(3))
+
+
+def test_a_turn_while_either_is_silent_is_no_bias() -> None:
+    """Of an IMU that ends early, or has a gap, or whose compass has one."""
+    turned = np.interp(T, [25.0, 35.0], [0.0, 4.0])
+    turning = gyro((0.0, 0.0, 0.01), np.eye(3))
+    rates = np.column_stack([0 * T, 0 * T, np.where((T > 25.0) & (T < 35.0), 0.4, 0.0) + 0.01])
+    whole = replace(turning, series=replace(turning.series, gyro_i=rates))  # type: ignore[call-arg]
+    gap, early = (T < 20.0) | (T > 40.0), T < 20.0
+    north = compass(wrap_angle(turned))
+    for imu, told in ((only(whole, gap), north), (only(whole, early), north)):
+        np.testing.assert_allclose(mean_gyro_bias_b(mission(imu, told)), [0, 0, 0.01], atol=1e-12)
+    silent = mission(whole, only(north, gap))
+    np.testing.assert_allclose(mean_gyro_bias_b(silent), [0, 0, 0.01], atol=1e-12)
+
+
+@pytest.mark.parametrize("roll", [1.0, 3.1, -3.1])
+def test_a_turn_of_a_vehicle_that_leans_is_no_bias(roll: float) -> None:
+    R_nb = rotation_from_rpy([roll, 0.0, 0.0])
+    leaning = AttitudeSeries(t=T, roll=0.0 * T + roll, pitch=0.0 * T, sigma=0.01 + 0.0 * T)
+    turning = gyro(tuple(R_nb.T @ [0.0, 0.0, RATE]), np.eye(3))
+    found = mean_gyro_bias_b(
+        mission(turning, compass(wrap_angle(RATE * T)), Sensor("attitude", "attitude", leaning))
+    )
+    np.testing.assert_allclose(found, np.zeros(3), atol=1e-12)

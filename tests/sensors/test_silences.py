@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from gtsam_nav.mission import Mission, Sensor
-from gtsam_nav.sensors.silences import said_of_silences, silences, silent_spells, speaks_at
+from gtsam_nav.sensors.silences import (
+    is_heard,
+    longest_step_s,
+    said_of_silences,
+    silences,
+    silent_spells,
+    speaks_at,
+)
 from gtsam_nav.series import DepthSeries
 
 
@@ -53,3 +60,19 @@ def test_the_longest_of_several_silences_is_named() -> None:
     once = gauge(0.0, 0.5, 1.0)
     (said,) = said_of_silences(once, beside(once, 0.0, 9.0), "so what")
     assert said == "'gauge' is silent from 1.0 s to 9.0 s: so what"
+
+
+def test_a_time_is_heard_between_near_stamps_and_near_their_ends() -> None:
+    stamps = np.array([1.0, 1.5, 2.0, 5.0, 5.5])
+    t = np.array([0.2, 0.6, 1.2, 2.0, 2.1, 4.9, 5.0, 5.2, 6.0, 6.2])
+    heard = is_heard(stamps, t, 0.5)
+    np.testing.assert_array_equal(
+        heard, [False, True, True, True, *2 * [False], *3 * [True], False]
+    )
+    np.testing.assert_array_equal(is_heard(stamps[:1], t[:3], 0.5), [False, True, True])
+
+
+def test_what_is_no_silence_yet_goes_with_the_usual_step() -> None:
+    assert longest_step_s(np.arange(0.0, 9.0, 0.1)) == 1.0
+    assert longest_step_s(np.arange(0.0, 90.0, 10.0)) == 50.0
+    assert longest_step_s(np.zeros(1)) == 1.0

@@ -177,7 +177,7 @@ def _add_velocities(problem: Problem, mission: Mission, gnss: Sensor, config: Co
         for v in motion.v_n.T
     ]
     v_n = series.v_n - np.stack(own_v_n, axis=1)
-    omega_b = angular_rate_b(mission, problem.t[keyframe]) - problem.motion.gyro_bias_b
+    omega_b = angular_rate_b(mission, problem.t[keyframe], problem.motion.gyro_bias_b)
     turning_b = np.cross(omega_b, gnss.xyz_b)
     carried = CARRIED_ACCELERATION_M_S2 * (t - problem.t[keyframe])
     sigma = np.hypot(noise.sigma_velocity_m_s, carried)[:, None] * np.ones(3)

@@ -12,7 +12,7 @@ from gtsam_nav.config import Config
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.coasting import CoastingStep
 from gtsam_nav.graph.factors import B
-from gtsam_nav.graph.measurements.orientation import add_unmeasured_turn
+from gtsam_nav.graph.measurements.orientation import add_tilt, add_unmeasured_turn
 from gtsam_nav.graph.measurements.velocity import add_velocity
 from gtsam_nav.graph.preintegration import InertialStep, Readings, imu_parameters
 from gtsam_nav.graph.problem import Problem
@@ -21,7 +21,7 @@ from gtsam_nav.preprocess.alignment import Alignment
 from gtsam_nav.preprocess.motion import VehicleMotion, measures_velocity, vehicle_motion
 from gtsam_nav.preprocess.strapdown import gravity_at
 from gtsam_nav.sensors.noise import ImuNoise
-from gtsam_nav.sensors.orientation import measures_tilt_at
+from gtsam_nav.sensors.orientation import UNMEASURED_TILT_SIGMA_RAD, measures_tilt_at
 from gtsam_nav.sensors.silences import silent_spells
 from gtsam_nav.series import BoolArray, ImuSeries
 
@@ -81,13 +81,14 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
                 t_s - before_s,
                 walking=walking and walking(g_n),
             )
-        elif problem.measures_velocity and has_tilt[k - 1] and has_tilt[k]:
+        elif problem.measures_velocity:
             add_velocity(problem, k, config)
             add_unmeasured_turn(problem, k)
+            if not has_tilt[k]:
+                tilt = problem.rpy[k, :2]
+                add_tilt(problem, mission, k, tilt, UNMEASURED_TILT_SIGMA_RAD, config)
         else:
             problem.steps[k] = _coasting(problem, k, gravity_n[k - 1], imu)
-            if problem.measures_velocity:
-                add_velocity(problem, k, config)
     instead = "the other sensors carry on" if problem.measures_velocity else "constant velocity"
     for a, b in silences(series, problem.t[0], problem.t[-1]):
         problem.warnings.append(

@@ -41,7 +41,7 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
     elif not problem.planar:
         tilt, sigma = tilt_at(mission, problem.t)
         for k in np.flatnonzero(by_ahrs).tolist():
-            _add_tilt(problem, mission, k, tilt[k], float(sigma[k]), config)
+            add_tilt(problem, mission, k, tilt[k], float(sigma[k]), config)
     attitude = mission.first("attitude")
     if attitude is not None:
         instead = "the IMU carries" if problem.uses_imu else "nothing tells"
@@ -93,7 +93,7 @@ def _add_orientations(
             factor = factors.orientation(problem.compass_at(k), X(k), R_measured[k], sigmas)
             problem.add_gated(k, "heading", int(row[k]), factor, config.graph.robust.heading)
         else:
-            _add_tilt(problem, mission, k, tilt[k], float(sigma_tilt[k]), config)
+            add_tilt(problem, mission, k, tilt[k], float(sigma_tilt[k]), config)
             add_unmeasured_turn(problem, k)
 
 
@@ -158,7 +158,7 @@ def _averaged_headings(problem: Problem, mission: Mission) -> Averaged:
     return heading, np.where(count > 0, sigma, np.inf), headings.row[first]
 
 
-def _add_tilt(
+def add_tilt(
     problem: Problem, mission: Mission, k: int, tilt: Array, sigma: float, config: Config
 ) -> None:
     """Roll and pitch of a keyframe without a heading."""
