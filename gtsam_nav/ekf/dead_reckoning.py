@@ -269,7 +269,7 @@ def _turn_rates(mission: Mission, headings: HeadingSeries | None) -> Iterator[Me
     for sensor in mission.of_type("odometry"):
         series, name = sensor.series, sensor.name
         assert isinstance(series, OdometrySeries)
-        if headings is not None and len(headings):
+        if headings is not None:
             told = is_heard(headings.t, series.t, longest_step_s(headings.t))
             series, name = series.select(~told), f"{name} yaw rate"
         value, sigma = series.yaw_rate[:, None], series.sigma_yaw_rate[:, None]

@@ -24,7 +24,7 @@ from gtsam_nav.sensors.silences import longest_step_s
 from gtsam_nav.series import HeadingSeries, ImuSeries, OdometrySeries
 
 MAX_RATE_GAP_S = 0.5
-"""A yaw rate is not carried over a longer silence if there is a compass."""
+"""A gyro's rate is not carried over a longer silence if a compass or odometry tells of it."""
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ def angular_rate_b(mission: Mission, t: Array, gyro_bias_b: Array) -> Array:
     """
     omega_b = rate_without_gyro_b(mission, t)
     imu = mission.first("imu")
-    if imu is None or not len(imu.series):
+    if imu is None:
         return omega_b
     series = imu.series
     assert isinstance(series, ImuSeries)
@@ -41,7 +41,7 @@ def rate_without_gyro_b(mission: Mission, t: Array) -> Array:
         unwrapped = np.unwrap(headings.heading)
         before, after = (np.interp(t + shift, headings.t, unwrapped) for shift in (-0.5, 0.5))
         omega_b = (after - before)[:, None] * _down_b(mission, t)
-    if odometry is not None and len(odometry.series):
+    if odometry is not None:
         series = odometry.series
         assert isinstance(series, OdometrySeries)
         heard = is_heard(series.t, t, longest_step_s(series.t))
