@@ -8,11 +8,11 @@ import numpy as np
 
 from gtsam_nav.ekf.constant_velocity import DEPTH, VELOCITY, YAW, YAW_RATE, Measurements
 from gtsam_nav.errors import DataError
-from gtsam_nav.frames import Array, rotation_from_rpy
+from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission, Rejection
 from gtsam_nav.preprocess.settings import MotionSettings
 from gtsam_nav.sensors.dvl import body_velocities
-from gtsam_nav.sensors.orientation import headings_true, tilt_at
+from gtsam_nav.sensors.orientation import headings_true, in_level_axes, tilt_at
 from gtsam_nav.sensors.rates import angular_rate_b, mean_gyro_bias_b
 from gtsam_nav.series import DepthSeries, IntArray, OdometrySeries
 
@@ -21,6 +21,8 @@ def collect_measurements(
     mission: Mission, settings: MotionSettings
 ) -> tuple[Measurements, tuple[Rejection, ...]]:
     """All that the filter takes, in the order of time, and the samples left out.
+
+    Velocities are in level axes: the filter's state has no roll and pitch.
 
     Raises
     ------
@@ -39,7 +41,7 @@ def collect_measurements(
                 velocities.t,
                 velocities.row,
                 VELOCITY.start,
-                velocities.v_b,
+                in_level_axes(mission, velocities.t, velocities.v_b),
                 np.tile(velocities.sigma[:, None] ** 2, 3),
             )
         )
@@ -68,7 +70,7 @@ def _odometry(mission: Mission) -> Iterator[Measurements]:
         assert isinstance(series, OdometrySeries)
         # u, v, w and r: what drives or floats moves in its own plane, which may lean
         v_b = np.column_stack([series.v_b, np.zeros(len(series))])
-        value = np.column_stack([_levelled(mission, series.t, v_b), series.yaw_rate])
+        value = np.column_stack([in_level_axes(mission, series.t, v_b), series.yaw_rate])
         s_v, s_w = series.sigma_v, series.sigma_yaw_rate
         variance = np.column_stack([s_v, s_v, s_v, s_w]) ** 2
         start = VELOCITY.start
@@ -82,13 +84,6 @@ def _turn_rates(mission: Mission) -> Iterator[Measurements]:
         assert isinstance(series, OdometrySeries)
         value, sigma = series.yaw_rate[:, None], series.sigma_yaw_rate[:, None]
         yield _part(sensor.name, series.t, series.row, YAW_RATE, value, sigma**2)
-
-
-def _levelled(mission: Mission, t: Array, v_b: Array) -> Array:
-    """Body velocities (n, 3) in axes that are level: the filter's state has no roll and pitch."""
-    tilt, _ = tilt_at(mission, t)
-    R_level = rotation_from_rpy(np.column_stack([tilt, np.zeros(len(t))]))
-    return np.asarray(np.einsum("nij,nj->ni", R_level, v_b))
 
 
 def _depths(mission: Mission) -> Iterator[Measurements]:

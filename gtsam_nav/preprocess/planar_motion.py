@@ -16,7 +16,7 @@ from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.settings import MotionSettings
 from gtsam_nav.sensors.dvl import body_velocities, water_spells
 from gtsam_nav.sensors.noise import DvlNoise, HeadingNoise, ImuNoise, OdometryNoise
-from gtsam_nav.sensors.orientation import headings_true
+from gtsam_nav.sensors.orientation import headings_true, in_level_axes
 from gtsam_nav.sensors.rates import angular_rate_b, mean_gyro_bias_b
 from gtsam_nav.series import HeadingSeries, ImuSeries, OdometrySeries
 
@@ -125,8 +125,8 @@ class Speeds:
     Attributes
     ----------
     t : ndarray, shape (n,)
-    v_b : ndarray, shape (n, 2)
-        Forward and to starboard, m/s.
+    v_level : ndarray, shape (n, 2)
+        Ahead and to starboard in level axes, m/s.
     sigma : ndarray, shape (n,)
         Of their white noise.
     scale_sigma : float
@@ -139,7 +139,7 @@ class Speeds:
     """
 
     t: Array
-    v_b: Array
+    v_level: Array
     sigma: Array
     scale_sigma: float
     by_pings: bool = False
@@ -167,10 +167,11 @@ def planar_motion(
     if readings is None:
         return None
     start, stop = mission.span_s
-    t, v_b, sigma_v = _held_to(readings.t, readings.v_b, readings.sigma, start, stop)
+    t, v_level, sigma_v = _held_to(readings.t, readings.v_level, readings.sigma, start, stop)
     course, course_variance, is_heading = _course(mission, t, settings)
     c, s, dt = np.cos(course), np.sin(course), np.diff(t)
-    v = np.column_stack([c * v_b[:, 0] - s * v_b[:, 1], s * v_b[:, 0] + c * v_b[:, 1]])
+    ahead, aside = v_level.T
+    v = np.column_stack([c * ahead - s * aside, s * ahead + c * aside])
     steps = 0.5 * (v[1:] + v[:-1]) * dt[:, None]
     density = sigma_v**2 * (_told_s(dt) if readings.by_pings else np.median(dt))
     unseen = _silence(dt) if readings_suffice or not readings.by_pings else dt
@@ -234,7 +235,7 @@ def _speeds(mission: Mission, settings: MotionSettings) -> Speeds | None:
             spells = water_spells([dvl], settings.water_lock_after_s)
             return Speeds(
                 found.t,
-                found.v_b[:, :2],
+                in_level_axes(mission, found.t, found.v_b)[:, :2],
                 found.sigma,
                 noise.scale_sigma,
                 by_pings=True,
@@ -247,7 +248,9 @@ def _speeds(mission: Mission, settings: MotionSettings) -> Speeds | None:
     series = odometry.series
     assert isinstance(series, OdometrySeries)
     scale_sigma = OdometryNoise.model_validate(odometry.noise).scale_sigma
-    return Speeds(series.t, series.v_b, series.sigma_v, scale_sigma)
+    v_b = np.column_stack([series.v_b, np.zeros(len(series))])
+    v_level = in_level_axes(mission, series.t, v_b)[:, :2]
+    return Speeds(series.t, v_level, series.sigma_v, scale_sigma)
 
 
 def _curvature_sigma(mission: Mission) -> float:

@@ -112,3 +112,10 @@ def tilt_at(mission: Mission, t: Array) -> tuple[Array, Array]:
     assert isinstance(series, AttitudeSeries)
     tilt = np.stack([np.interp(t, series.t, a) for a in (series.roll, series.pitch)], axis=1)
     return tilt, np.interp(t, series.t, series.sigma)
+
+
+def in_level_axes(mission: Mission, t: Array, v_b: Array) -> Array:
+    """Body velocities (n, 3) at given times in axes of the same yaw that are level."""
+    tilt, _ = tilt_at(mission, t)
+    R_level = rotation_from_rpy(np.column_stack([tilt, np.zeros(len(t))]))
+    return np.asarray(np.einsum("nij,nj->ni", R_level, v_b))
