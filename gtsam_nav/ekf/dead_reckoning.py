@@ -10,6 +10,7 @@ import numpy as np
 from gtsam_nav.config import Config
 from gtsam_nav.ekf.considered import ConsideredErrors, with_considered
 from gtsam_nav.ekf.constant_velocity import (
+    DEPTH,
     VELOCITY,
     YAW,
     Filtered,
@@ -22,7 +23,7 @@ from gtsam_nav.ekf.direct_measurements import collect_measurements
 from gtsam_nav.ekf.late_fix import through_late_fix
 from gtsam_nav.ekf.water_lock import with_water_motion
 from gtsam_nav.errors import EstimationError
-from gtsam_nav.frames import Array, quaternion_from_rpy
+from gtsam_nav.frames import Array, quaternion_from_rpy, sag_m
 from gtsam_nav.mission import Mission, Rejection
 from gtsam_nav.preprocess.alignment import Alignment, align
 from gtsam_nav.preprocess.settings import MotionSettings
@@ -178,6 +179,7 @@ def _since(t: Array, restarts: Restarts | None) -> Array:
 def _start(mission: Mission, start: Alignment) -> Start:
     """The alignment; the compass that the filter will follow may differ from it by its bias."""
     x = np.array([*start.p_n, start.rpy[2], 0.0, 0.0, 0.0, 0.0])
+    x[DEPTH] -= sag_m(start.p_n, mission.origin)
     compass = mission.first("heading")
     sigma_yaw = start.sigma_rpy[2]
     if compass is not None:
@@ -213,8 +215,12 @@ def _gated(z: Measurements, filtered: Filtered) -> Iterator[Rejection]:
 
 
 def filtered_trajectory(filtered: Filtered, mission: Mission) -> Trajectory:
-    """The filtered states with the tilt that the mission measured."""
+    """The filtered states with the tilt that the mission measured.
+
+    They went along the level surface, which falls away from the plane of the mission's NED.
+    """
     t, x, P = filtered.t, filtered.x, filtered.P
+    p_n = x[:, :3] + sag_m(x[:, :3], mission.origin)[:, None] * [0.0, 0.0, 1.0]
     tilt, sigma_tilt = tilt_at(mission, t)
     cov = np.zeros((len(t), 6, 6))
     planar = np.array([0, 1, 2, 5])
@@ -227,7 +233,7 @@ def filtered_trajectory(filtered: Filtered, mission: Mission) -> Trajectory:
     cov_v = R_level @ P[:, VELOCITY, VELOCITY] @ np.swapaxes(R_level, 1, 2)
     return Trajectory(
         t=t,
-        p_n=x[:, :3],
+        p_n=p_n,
         q_nb_wxyz=quaternion_from_rpy(np.column_stack([tilt, x[:, YAW]])),
         v_n=np.einsum("nij,nj->ni", R_level, x[:, VELOCITY]),
         cov_pose_n=cov,

@@ -11,10 +11,11 @@ from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission, Rejection
 from gtsam_nav.preprocess.settings import MotionSettings
+from gtsam_nav.sensors.depth import origin_depths
 from gtsam_nav.sensors.dvl import body_velocities
-from gtsam_nav.sensors.orientation import headings_true, in_level_axes, tilt_at
+from gtsam_nav.sensors.orientation import headings_true, in_level_axes, level_attitudes
 from gtsam_nav.sensors.rates import angular_rate_b, mean_gyro_bias_b
-from gtsam_nav.series import DepthSeries, IntArray, OdometrySeries
+from gtsam_nav.series import IntArray, OdometrySeries
 
 
 def collect_measurements(
@@ -22,7 +23,8 @@ def collect_measurements(
 ) -> tuple[Measurements, tuple[Rejection, ...]]:
     """All that the filter takes, in the order of time, and the samples left out.
 
-    Velocities are in level axes: the filter's state has no roll and pitch.
+    The filter goes along the level surface: its state has no roll and pitch, velocities are in
+    level axes, and depths are below the water.
 
     Raises
     ------
@@ -89,13 +91,8 @@ def _turn_rates(mission: Mission) -> Iterator[Measurements]:
 def _depths(mission: Mission) -> Iterator[Measurements]:
     for sensor in mission.of_type("depth"):
         series = sensor.series
-        assert isinstance(series, DepthSeries)
-        tilt, _ = tilt_at(mission, series.t)
-        x, y, z = sensor.xyz_b
-        # how far the sensor lies below the body's origin: the tilt is known well enough
-        below = z * np.cos(tilt[:, 0]) * np.cos(tilt[:, 1]) - x * np.sin(tilt[:, 1])
-        below += y * np.sin(tilt[:, 0]) * np.cos(tilt[:, 1])
-        value, variance = (series.depth_m - below)[:, None], series.sigma[:, None] ** 2
+        depth_m, sigma = origin_depths(sensor, series.t, level_attitudes(mission, series.t))
+        value, variance = depth_m[:, None], sigma[:, None] ** 2
         yield _part(sensor.name, series.t, series.row, DEPTH, value, variance)
 
 

@@ -28,14 +28,15 @@ import math
 
 import numpy as np
 
+from gtsam_nav.ekf.local_level import LocalLevel
 from gtsam_nav.ekf.whole_turn import covariance_after, jacobian_before
-from gtsam_nav.frames import Array, rotation_from_rpy
+from gtsam_nav.frames import Array, sag_m
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.alignment import Alignment
 from gtsam_nav.preprocess.planar_motion import PlanarMotion
-from gtsam_nav.sensors.orientation import tilt_at
+from gtsam_nav.sensors.depth import origin_depths
+from gtsam_nav.sensors.orientation import level_attitudes, tilt_at
 from gtsam_nav.sensors.prediction import BodyState
-from gtsam_nav.series import DepthSeries
 
 LOST_RAD = 0.3
 """A course less certain than that is lost: its spread warns, and shortens the way no further."""
@@ -67,9 +68,10 @@ class PlanarVehicle:
 
     def __init__(self, mission: Mission, motion: PlanarMotion, start: Alignment, t: Array) -> None:
         self._increments, self._dt = motion.increments(t), np.diff(t)
-        self._depth, self._sigma_depth = _depths(mission, start, t)
-        tilt, self._sigma_tilt = tilt_at(mission, t)
-        self._R_level = rotation_from_rpy(np.column_stack([tilt, np.zeros(len(t))]))
+        _, self._sigma_tilt = tilt_at(mission, t)
+        self._R_level = level_attitudes(mission, t)
+        self._depth, self._sigma_depth = _depths(mission, start, t, self._R_level)
+        self._level = None if mission.origin is None else LocalLevel(mission.origin)
         slow = [motion.scale_sigma, motion.curvature_sigma, motion.disturbance_sigma]
         self._white2 = motion.white_sigma**2
         self.P_start = np.diag([*start.sigma_p[:2], start.sigma_rpy[2], *slow, 0.0]) ** 2
@@ -125,7 +127,10 @@ class PlanarVehicle:
         n, e, course = self.x[:3].tolist()
         c, s = math.cos(course), math.sin(course)
         R_nb = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ self._R_level[self._k]
-        return BodyState(R_nb, np.array([n, e, self._depth[self._k]]), self._v_n)
+        p_n = np.array([n, e, self._depth[self._k]])
+        if self._level is not None:
+            p_n[2] += self._level.sag_m(p_n)
+        return BodyState(R_nb, p_n, self._v_n)
 
     @property
     def body(self) -> BodyState:
@@ -191,12 +196,11 @@ def _wandered(P: Array, A_course: Array, turn_variance: float) -> tuple[float, f
     return kept * left, added
 
 
-def _depths(mission: Mission, start: Alignment, t: Array) -> tuple[Array, Array]:
-    """Depth of the body's origin, and its sigma: the start's where nothing measures it."""
-    sensor = mission.first("depth")
-    if sensor is None:
-        return np.full(len(t), start.p_n[2]), np.full(len(t), start.sigma_p[2])
-    series = sensor.series
-    assert isinstance(series, DepthSeries)
-    below = start.R_nb[2] @ sensor.xyz_b
-    return np.interp(t, series.t, series.depth_m) - below, np.interp(t, series.t, series.sigma)
+def _depths(mission: Mission, start: Alignment, t: Array, R_level: Array) -> tuple[Array, Array]:
+    """Depth of the body's origin below the level surface, and its sigma: the start's where nothing
+    measures it."""
+    gauge = mission.first("depth")
+    if gauge is None:
+        depth_m = start.p_n[2] - sag_m(start.p_n, mission.origin)
+        return np.full(len(t), depth_m), np.full(len(t), start.sigma_p[2])
+    return origin_depths(gauge, t, R_level)

@@ -114,8 +114,12 @@ def tilt_at(mission: Mission, t: Array) -> tuple[Array, Array]:
     return tilt, np.interp(t, series.t, series.sigma)
 
 
+def level_attitudes(mission: Mission, t: Array) -> Array:
+    """Attitudes (n, 3, 3) at given times against level axes of the same yaw."""
+    tilt, _ = tilt_at(mission, t)
+    return rotation_from_rpy(np.column_stack([tilt, np.zeros(len(t))]))
+
+
 def in_level_axes(mission: Mission, t: Array, v_b: Array) -> Array:
     """Body velocities (n, 3) at given times in axes of the same yaw that are level."""
-    tilt, _ = tilt_at(mission, t)
-    R_level = rotation_from_rpy(np.column_stack([tilt, np.zeros(len(t))]))
-    return np.asarray(np.einsum("nij,nj->ni", R_level, v_b))
+    return np.asarray(np.einsum("nij,nj->ni", level_attitudes(mission, t), v_b))
