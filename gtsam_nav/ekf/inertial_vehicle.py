@@ -170,7 +170,7 @@ class AidUpdates:
         H = np.zeros((len(prediction.residual), len(self.slam.P)))
         H[:, : prediction.jacobian.shape[1]] = prediction.jacobian
         if len(aid.shared):
-            H[:, SIZE + own.start : SIZE + own.stop] = aid.by_shared(vehicle.state)
+            H[:, SIZE + own.start : SIZE + own.stop] = aid.by_shared(k, vehicle.state)
         S = H @ self.slam.P @ H.T + prediction.cov
         try:
             np.linalg.cholesky(S)
