@@ -94,14 +94,14 @@ class InertialVehicle:
         J[:3, RHO] = J[3:, THETA] = self.state.body.R_nb
         return np.asarray(J @ P[:6, :6] @ J.T)
 
-    def after(self, P: Array, error: Array, axes: int) -> Array:
+    def after(self, P: Array, error: Array, first: int, axes: int) -> Array:
         """The covariance in the axes that a correction has turned."""
-        del axes
+        del first, axes
         return in_turned_axes(P, error[THETA])
 
-    def before(self, H: Array, error: Array, axes: int) -> Array:
+    def before(self, H: Array, error: Array, first: int, axes: int) -> Array:
         """The same Jacobian: within an update the axes count as not turned."""
-        del error, axes
+        del error, first, axes
         return H
 
 

@@ -59,6 +59,8 @@ class PlanarMotion:
         Spread of the constant error of the speeds, as a share of them.
     curvature_sigma : float
         Spread of the constant error of the turns, rad a metre.
+    misalignment_sigma : float
+        Spread of the constant error of the speeds' direction, rad.
     disturbance_sigma, disturbance_time_s : float
         Of the compass's Gauss-Markov error, whose walk ``variance`` holds; zero without a compass.
     white_sigma : float
@@ -74,6 +76,7 @@ class PlanarMotion:
     course_is_heading: bool
     scale_sigma: float
     curvature_sigma: float
+    misalignment_sigma: float = 0.0
     disturbance_sigma: float = 0.0
     disturbance_time_s: float = 1.0
     white_sigma: float = 0.0
@@ -129,8 +132,8 @@ class Speeds:
         Ahead and to starboard in level axes, m/s.
     sigma : ndarray, shape (n,)
         Of their white noise.
-    scale_sigma : float
-        Of their scale's constant error, as a share.
+    scale_sigma, misalignment_sigma : float
+        Of the constant errors of their scale, as a share, and of their direction, rad.
     by_pings : bool
         Whether each has an error of its own, which counts for as long as it tells the speed. That
         of wheels or thrusters comes with the motion, however often it is told.
@@ -142,6 +145,7 @@ class Speeds:
     v_level: Array
     sigma: Array
     scale_sigma: float
+    misalignment_sigma: float
     by_pings: bool = False
     current_sigma: float = 0.0
     water_spells: Array = field(default_factory=lambda: np.empty((0, 2)))
@@ -187,6 +191,7 @@ def planar_motion(
         is_heading,
         readings.scale_sigma,
         0.0 if is_heading else _curvature_sigma(mission),
+        readings.misalignment_sigma,
         *compass,
         current_sigma=readings.current_sigma,
         water_spells=readings.water_spells,
@@ -238,6 +243,7 @@ def _speeds(mission: Mission, settings: MotionSettings) -> Speeds | None:
                 in_level_axes(mission, found.t, found.v_b)[:, :2],
                 found.sigma,
                 noise.scale_sigma,
+                float(np.radians(noise.misalignment_sigma_deg)),
                 by_pings=True,
                 current_sigma=noise.water_sigma_m_s,
                 water_spells=spells,
@@ -247,10 +253,11 @@ def _speeds(mission: Mission, settings: MotionSettings) -> Speeds | None:
         return None
     series = odometry.series
     assert isinstance(series, OdometrySeries)
-    scale_sigma = OdometryNoise.model_validate(odometry.noise).scale_sigma
+    of_wheels = OdometryNoise.model_validate(odometry.noise)
+    misalignment = float(np.radians(of_wheels.misalignment_sigma_deg))
     v_b = np.column_stack([series.v_b, np.zeros(len(series))])
     v_level = in_level_axes(mission, series.t, v_b)[:, :2]
-    return Speeds(series.t, v_level, series.sigma_v, scale_sigma)
+    return Speeds(series.t, v_level, series.sigma_v, of_wheels.scale_sigma, misalignment)
 
 
 def _curvature_sigma(mission: Mission) -> float:
