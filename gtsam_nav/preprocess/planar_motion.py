@@ -16,6 +16,7 @@ from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.settings import MotionSettings
 from gtsam_nav.sensors.dvl import body_velocities, water_spells
 from gtsam_nav.sensors.noise import DvlNoise, HeadingNoise, ImuNoise, OdometryNoise
+from gtsam_nav.sensors.odometry import curvature_sigma
 from gtsam_nav.sensors.orientation import headings_true, in_level_axes
 from gtsam_nav.sensors.rates import angular_rate_b, mean_gyro_bias_b
 from gtsam_nav.series import HeadingSeries, ImuSeries, OdometrySeries
@@ -190,7 +191,7 @@ def planar_motion(
         variance,
         is_heading,
         readings.scale_sigma,
-        0.0 if is_heading else _curvature_sigma(mission),
+        0.0 if is_heading else curvature_sigma(mission),
         readings.misalignment_sigma,
         *compass,
         current_sigma=readings.current_sigma,
@@ -258,14 +259,6 @@ def _speeds(mission: Mission, settings: MotionSettings) -> Speeds | None:
     v_b = np.column_stack([series.v_b, np.zeros(len(series))])
     v_level = in_level_axes(mission, series.t, v_b)[:, :2]
     return Speeds(series.t, v_level, series.sigma_v, of_wheels.scale_sigma, misalignment)
-
-
-def _curvature_sigma(mission: Mission) -> float:
-    odometry = mission.first("odometry")
-    if odometry is None:
-        return 0.0
-    noise = OdometryNoise.model_validate(odometry.noise)
-    return float(np.radians(noise.curvature_sigma_deg_m))
 
 
 def _course(mission: Mission, t: Array, settings: MotionSettings) -> tuple[Array, Array, bool]:

@@ -273,6 +273,23 @@ def test_wheels_climb_a_slope_and_slip_in_turns() -> None:
     np.testing.assert_allclose(trajectory.p_n[-1], way, atol=0.05)
 
 
+def test_a_turn_that_wheels_do_not_notice_is_in_the_covariance() -> None:
+    """Half a degree a metre, within the degree that is stated; a compass would tell it."""
+    solution = gn.estimate(Mission("bent", {"odometry": odometry(yaw_rate=0.0)}), "dr")
+    track = solution.trajectory
+    turn = np.radians(0.5)
+    way_m = 0.5 * track.t[-1]
+    truth = np.array([np.sin(turn * way_m), 1 - np.cos(turn * way_m)]) / turn
+    error = track.p_n[-1, :2] - truth
+    assert track.cov_pose_n is not None
+    assert error @ np.linalg.solve(track.cov_pose_n[-1, :2, :2], error) < 6.0
+    assert np.sqrt(track.cov_pose_n[-1, 5, 5]) > turn * way_m
+    beside = straight().without("dvl").with_sensor(odometry(yaw_rate=0.0))
+    by_compass = gn.estimate(beside, "dr").trajectory.sigma_rpy
+    assert by_compass is not None
+    assert by_compass[-1, 2] - by_compass[9, 2] < 0.01
+
+
 def test_wheels_that_start_at_once_are_believed() -> None:
     wheels = odometry(speed_m_s=2.0, yaw_rate=0.0)
     series = wheels.series
