@@ -102,7 +102,7 @@ def _gnss(
     gate = settings.position_gate_probability if settings.reject_outliers else None
     yield from _positions(receiver, rows, gate)
     v_n = series.v_n
-    if v_n is None or not settings.use_velocity:
+    if v_n is None:
         return
 
     def velocity(k: int, state: InertialState, _: Array) -> Prediction:

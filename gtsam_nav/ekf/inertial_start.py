@@ -23,6 +23,7 @@ from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.alignment import align
 from gtsam_nav.preprocess.first_fixes import ANY_SPEED_M_S, first_fixes, located
 from gtsam_nav.preprocess.rest import Rest, initial_rest
+from gtsam_nav.preprocess.settings import MotionSettings
 from gtsam_nav.sensors.depth import origin_depths
 from gtsam_nav.sensors.noise import ImuNoise
 from gtsam_nav.sensors.orientation import UNMEASURED_TILT_SIGMA_RAD, headings_true
@@ -97,7 +98,7 @@ class InertialStart:
         return replace(self, state=state, P=P)
 
 
-def inertial_start(mission: Mission, imu: Sensor) -> InertialStart:
+def inertial_start(mission: Mission, imu: Sensor, settings: MotionSettings) -> InertialStart:
     """Roll and pitch by levelling, the yaw by what there is: see `_yaw`."""
     begin, rest = align(mission), initial_rest(imu)
     rpy = begin.rpy.copy()
@@ -107,7 +108,7 @@ def inertial_start(mission: Mission, imu: Sensor) -> InertialStart:
     rpy[2], sigma_yaw, gyrocompass = _yaw(mission, imu, rest, rpy)
     shown = None
     if not (begin.heading_known or gyrocompass):
-        shown = yaw_shown_by_fixes(mission, imu, replace(begin, rpy=rpy))
+        shown = yaw_shown_by_fixes(mission, imu, replace(begin, rpy=rpy), settings)
     if shown is not None:
         rpy[2], sigma_yaw = shown.yaw, shown.sigma
     R_nb = rotation_from_rpy(rpy)

@@ -14,6 +14,7 @@ from gtsam_nav.ekf.inertial_start import inertial_start
 from gtsam_nav.ekf.strapdown import SIZE, Strapdown
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import InitialState, Mission, Sensor
+from gtsam_nav.preprocess.settings import MotionSettings
 from gtsam_nav.series import DvlSeries, HeadingSeries, ImuSeries, Series
 
 CURRENT_N = np.array([0.1, 0.4])
@@ -64,7 +65,7 @@ def test_a_current_that_nothing_shows_carries_the_vehicle_along_for_all_the_filt
 def test_the_jacobian_of_a_velocity_through_the_water_is_its_derivative() -> None:
     mission = carried_off()
     imu = mission.sensors["imu"]
-    strapdown, start = Strapdown(imu, None), inertial_start(mission, imu)
+    strapdown, start = Strapdown(imu, None), inertial_start(mission, imu, MotionSettings())
     aids, _ = aids_of(mission, strapdown, start, Config())
     aid = next(aid for aid in aids if aid.name == "dvl")
     state, k = start.state.corrected(np.linspace(-0.3, 0.4, SIZE)), len(aid.t) - 1

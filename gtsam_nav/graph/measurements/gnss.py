@@ -39,8 +39,7 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
     processes = count()
     for receiver in mission.of_type("gnss"):
         _add_positions(problem, receiver, processes, level, config.graph.robust.gnss)
-        if config.gnss.use_velocity:
-            _add_velocities(problem, mission, receiver, level, config.graph.robust.gnss_velocity)
+        _add_velocities(problem, mission, receiver, level, config.graph.robust.gnss_velocity)
 
 
 def _within(problem: Problem, gnss: Sensor, lag_s: float = 0.0) -> GnssSeries:
