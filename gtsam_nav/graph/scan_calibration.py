@@ -59,17 +59,19 @@ class ScanCalibration:
     sigma_rad_m: float
 
     def corrected(self, mission: Mission) -> Mission:
-        """The mission with scans and odometry put right."""
+        """The mission with scans and odometry put right, which knows what is left unknown."""
         scans = mission.sensors[self.clock.sensor]
-        series = scans.series.shift(self.clock.offset_s)
-        mission = mission.with_sensor(replace(scans, series=series))
+        shifted = scans.series.shift(self.clock.offset_s)
+        mission = mission.with_sensor(replace(scans, series=shifted))
         odometry = mission.first("odometry")
         if odometry is None or self.curvature_rad_m == 0.0:
             return mission
         wheels = odometry.series
         assert isinstance(wheels, OdometrySeries)
         yaw_rate = wheels.yaw_rate + self.curvature_rad_m * wheels.v_b[:, 0]
-        return mission.with_sensor(replace(odometry, series=replace(wheels, yaw_rate=yaw_rate)))
+        left = {"curvature_sigma_deg_m": float(np.degrees(self.sigma_rad_m))}
+        series, noise = replace(wheels, yaw_rate=yaw_rate), {**odometry.noise, **left}
+        return mission.with_sensor(replace(odometry, series=series, noise=noise))
 
     @property
     def warnings(self) -> tuple[str, ...]:
