@@ -151,6 +151,27 @@ def geodetic_from_ned(p_n: ArrayLike, origin: Origin) -> tuple[Array, Array, Arr
     return np.asarray(lat), np.asarray(lon), np.asarray(h)
 
 
+def sag_m(p_n: ArrayLike, origin: Origin | None) -> Array:
+    """How far the level surface through the origin lies below its tangent plane, m.
+
+    Parameters
+    ----------
+    p_n : array_like, shape (..., 3)
+        Places in the local NED.
+    origin : Origin or None
+        Without one the frame has no Earth below it, and is level.
+
+    Returns
+    -------
+    ndarray, shape (...)
+    """
+    places = np.asarray(p_n, dtype=float)
+    if origin is None:
+        return np.zeros(places.shape[:-1])
+    _, _, height_m = geodetic_from_ned(places, origin)
+    return np.asarray(places[..., 2] + height_m - origin.height_m)
+
+
 def gravity_m_s2(latitude_deg: float, height_m: float = 0.0) -> float:
     """WGS-84 normal gravity (Somigliana) with the second-order height correction.
 

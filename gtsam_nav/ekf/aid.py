@@ -42,7 +42,7 @@ class Aid:
         None takes every measurement.
     shared : SharedErrors
     shared_jacobian : ndarray, shape (size, len(shared)), or callable
-        Of the residual in the shared errors; a callable tells it at a state.
+        Of the residual in the shared errors; a callable tells it of measurement k at a state.
     v_n : ndarray, shape (n, 3), optional
         Velocities over the ground where that is what is measured; ``sigma_v`` is theirs.
     receiver : str
@@ -57,17 +57,17 @@ class Aid:
     predict: Callable[[int, InertialState, Array], Prediction]
     gate_probability: float | None
     shared: SharedErrors = NO_ERRORS
-    shared_jacobian: Array | Callable[[InertialState], Array] = field(
+    shared_jacobian: Array | Callable[[int, InertialState], Array] = field(
         default_factory=lambda: np.empty((0, 0))
     )
     v_n: Array | None = None
     sigma_v: float = 0.0
     receiver: str = ""
 
-    def by_shared(self, state: InertialState) -> Array:
-        """Jacobian of the residual in the shared errors, at a state."""
+    def by_shared(self, k: int, state: InertialState) -> Array:
+        """Jacobian of the residual of measurement k in the shared errors, at a state."""
         found = self.shared_jacobian
-        return found(state) if callable(found) else found
+        return found(k, state) if callable(found) else found
 
     @property
     def shows_yaw(self) -> bool:

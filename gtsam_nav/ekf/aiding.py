@@ -24,6 +24,9 @@ from gtsam_nav.sensors.prediction import Prediction
 from gtsam_nav.sensors.rates import rate_without_gyro_b
 from gtsam_nav.series import AttitudeSeries, DepthSeries, GnssSeries, OdometrySeries
 
+CURRENT_TIME_S = 3600.0
+"""A current keeps for about so long: a tide turns in six hours."""
+
 
 def aids_of(
     mission: Mission, strapdown: Strapdown, start: InertialStart, config: Config
@@ -100,7 +103,7 @@ def _gnss(
     gate = settings.position_gate_probability if settings.reject_outliers else None
     yield from _positions(receiver, rows, gate)
     v_n = series.v_n
-    if v_n is None or not settings.use_velocity:
+    if v_n is None:
         return
 
     t = series.t - noise.velocity_lag_s
@@ -133,7 +136,8 @@ def _velocities(
     aids: list[Aid] = []
     rejections: list[Rejection] = []
     for sensor in mission.of_type("dvl"):
-        found = dvl.body_velocities(sensor, np.zeros((len(sensor.series), 3)), limit_s)
+        still = np.zeros((len(sensor.series), 3))
+        found = dvl.body_velocities(sensor, still, limit_s, current_apart=True)
         rejections += found.rejections
         aids.append(_dvl(found, sensor, rate_without_gyro_b(mission, found.t), strapdown, gate))
     if not any(len(aid.t) for aid in aids):
@@ -146,7 +150,11 @@ def _dvl(
 ) -> Aid:
     noise = DvlNoise.model_validate(sensor.noise)
     scale, misalignment = noise.scale_sigma, np.radians(noise.misalignment_sigma_deg)
-    errors = SharedErrors(np.array([scale, misalignment, 0.0, 0.0]), np.full(4, np.inf))
+    current = noise.water_sigma_m_s if np.any(found.through_water) else 0.0
+    errors = SharedErrors(
+        np.array([scale, misalignment, 0.0, 0.0, current, current]),
+        np.repeat([np.inf, CURRENT_TIME_S], [4, 2]),
+    )
     return _body_velocity(found, errors, sensor.xyz_b, unheard_b, strapdown, gate)
 
 
@@ -157,8 +165,8 @@ def _odometry(sensor: Sensor, strapdown: Strapdown, gate: float) -> Aid:
     speed = np.hypot(*series.v_b.T)
     slip = noise.slip_sigma * float(np.sqrt(np.mean(speed**2))) if len(speed) else 0.0
     errors = SharedErrors(
-        np.array([noise.scale_sigma, np.radians(noise.misalignment_sigma_deg), slip, slip]),
-        np.array([np.inf, np.inf, noise.slip_time_s, noise.slip_time_s]),
+        np.array([noise.scale_sigma, np.radians(noise.misalignment_sigma_deg), slip, slip, 0, 0]),
+        np.repeat([np.inf, noise.slip_time_s, np.inf], 2),
     )
     v_b = np.column_stack([series.v_b, np.zeros(len(series))])
     found = dvl.BodyVelocities(sensor.name, series.t, v_b, series.sigma_v, series.row)
@@ -173,24 +181,31 @@ def _body_velocity(
     strapdown: Strapdown,
     gate: float,
 ) -> Aid:
-    """Velocities at the end of an arm that share errors of scale, misalignment (clockwise), and
-    slip on two axes.
+    """Velocities at the end of an arm that share errors of scale, misalignment (clockwise), slip
+    on two axes, and the current, north and east, of those through the water.
 
     The arm turns by the gyro less its bias as it is known by then: a bias would lend the vehicle a
     constant velocity sideways. While the gyro is silent it turns by ``unheard_b``, shape (n, 3).
     """
     some = errors.sigma > 0
+    in_current = found.through_water if errors.sigma[-1] > 0 else np.zeros(len(found), dtype=bool)
 
-    def by_error(state: InertialState) -> Array:
+    def by_error(k: int, state: InertialState) -> Array:
         # of the velocity as predicted: that measured is noisy, and would seem too long
         forward, right, down = state.body.R_nb.T @ state.v_n
         scaled, turned = (forward, right, down), (-right, forward, 0.0)
-        return np.column_stack([scaled, turned, np.eye(3, 2)])[:, some]
+        moved = -state.body.R_nb[:2].T * in_current[k]
+        return np.column_stack([scaled, turned, np.eye(3, 2), moved])[:, some]
 
     def velocity(k: int, state: InertialState, shared: Array) -> Prediction:
         turning_b = np.cross(strapdown.rate_b(state, unheard_b[k]), arm_b)
-        measured = found.v_b[k] - turning_b - by_error(state) @ shared
-        return dvl.predict(state.body, measured, float(found.sigma[k]))
+        own, body = by_error(k, state), state.body
+        if in_current[k]:  # what turns with the body is the way through the water
+            current = np.append(shared[-2:], 0.0)
+            own, shared = own[:, :-2], shared[:-2]
+            body = replace(body, v_n=body.v_n - current)
+        measured = found.v_b[k] - turning_b - own @ shared
+        return dvl.predict(body, measured, float(found.sigma[k]))
 
     return Aid(
         found.sensor,

@@ -16,7 +16,7 @@ import numpy as np
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission
 from gtsam_nav.sensors.noise import HeadingNoise
-from gtsam_nav.sensors.odometry import velocity_calibration_sigma
+from gtsam_nav.sensors.odometry import curvature_sigma, velocity_calibration_sigma
 from gtsam_nav.trajectory import Trajectory
 
 
@@ -32,6 +32,8 @@ class ConsideredErrors:
     disturbance_time_s : float
     scale : float
         Constant error of the speed, as a share of it.
+    curvature : float
+        Constant turn that odometry does not notice where it tells the turns, rad a metre.
     """
 
     heading: float
@@ -39,6 +41,7 @@ class ConsideredErrors:
     disturbance_time_s: float
     misalignment: float
     scale: float
+    curvature: float = 0.0
 
     @classmethod
     def of(cls, mission: Mission) -> ConsideredErrors:
@@ -46,7 +49,7 @@ class ConsideredErrors:
         scale, misalignment = velocity_calibration_sigma(mission).tolist()
         compass = mission.first("heading")
         if compass is None:
-            return cls(0.0, 0.0, 1.0, misalignment, scale)
+            return cls(0.0, 0.0, 1.0, misalignment, scale, curvature_sigma(mission))
         noise = HeadingNoise.model_validate(compass.noise)
         constant, disturbance = np.radians([noise.bias_sigma_deg, noise.disturbance_sigma_deg])
         return cls(
@@ -55,15 +58,15 @@ class ConsideredErrors:
 
     @property
     def constant(self) -> ConsideredErrors:
-        """The constant ones alone."""
-        return replace(self, disturbance=0.0)
+        """Those that scans do not show: the constant ones, but for a turn."""
+        return replace(self, disturbance=0.0, curvature=0.0)
 
 
 def with_considered(track: Trajectory, errors: ConsideredErrors) -> Trajectory:
     """A dead-reckoned track with the covariance that these errors add.
 
     A heading that is wrong turns the way since the start: a constant error all of it, the
-    disturbance each step by what it is at the time.
+    disturbance and an unnoticed turn each step by what they are at the time.
     """
     assert track.v_n is not None
     assert track.cov_pose_n is not None
@@ -76,14 +79,35 @@ def with_considered(track: Trajectory, errors: ConsideredErrors) -> Trajectory:
     cov[:, :2, :2] += wandered + turned2 * aside[:, :, None] * aside[:, None]
     cov[:, :2, :2] += errors.scale**2 * way[:, :, None] * way[:, None]
     cov[:, 5, 5] += errors.heading**2 + errors.disturbance**2
+    ahead_m, swept, lacking = _turned_by_curvature(track, way, errors.curvature)
+    cov[:, :2, :2] += errors.curvature**2 * swept[:, :, None] * swept[:, None]
+    cov[:, :2, :2] += lacking[:, :, None] * lacking[:, None]
+    cov[:, 5, 5] += errors.curvature**2 * ahead_m**2
     together = with_disturbance + errors.heading**2 * aside
+    together += errors.curvature**2 * ahead_m[:, None] * swept
     cov[:, :2, 5] += together
     cov[:, 5, :2] += together
     across = track.v_n[:, [1, 0]]
     variance_v = track.sigma_v_n**2
-    variance_v[:, :2] += (turned2 + errors.disturbance**2) * across**2
+    turned2_now = turned2 + errors.disturbance**2 + errors.curvature**2 * ahead_m**2
+    variance_v[:, :2] += turned2_now[:, None] * across**2
     variance_v += errors.scale**2 * track.v_n**2
     return replace(track, cov_pose_n=cov, sigma_v_n=np.sqrt(variance_v))
+
+
+def _turned_by_curvature(track: Trajectory, way: Array, sigma: float) -> tuple[Array, Array, Array]:
+    """By what one radian a metre turns the course (n,) and moves the position aside (n, 2), and by
+    what the way falls short (n, 2): of a course far off only the cosine lies along it."""
+    steps = np.diff(way, axis=0)
+    ahead_m = np.append(0.0, np.cumsum(np.sum(track.R_nb[:-1, :2, 0] * steps, axis=1)))
+    middle = 0.5 * (ahead_m[1:] + ahead_m[:-1])
+    turned2 = (sigma * middle) ** 2
+    # mean square of one less the cosine
+    short2 = 1.5 - 2.0 * np.exp(-0.5 * turned2) + 0.5 * np.exp(-2.0 * turned2)
+    aside = middle[:, None] * steps[:, ::-1] * [-1.0, 1.0]
+    short = np.sqrt(np.maximum(short2, 0.0))[:, None] * steps
+    swept, lacking = (np.cumsum(np.vstack([[0, 0], part]), axis=0) for part in (aside, short))
+    return ahead_m, swept, lacking
 
 
 def _turned_by_disturbance(t: Array, aside: Array, errors: ConsideredErrors) -> tuple[Array, Array]:

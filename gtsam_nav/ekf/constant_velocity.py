@@ -1,7 +1,8 @@
 """The constant-velocity filter in plain NumPy: what its compiled twin in ``_filter`` computes.
 
-State: n, e, d and yaw in the navigation frame, body velocities u, v, w and yaw rate r. Mallios et
-al., *Scan matching SLAM in underwater environments*, Autonomous Robots 36 (2014), section 3.1.
+State: n, e, d and yaw in the navigation frame, velocities u, v, w ahead, to starboard and down in
+level axes of that yaw, and yaw rate r. Mallios et al., *Scan matching SLAM in underwater
+environments*, Autonomous Robots 36 (2014), section 3.1.
 """
 
 from __future__ import annotations

@@ -13,27 +13,23 @@ from gtsam_nav.ekf.constant_velocity import (
     DEPTH,
     VELOCITY,
     YAW,
-    YAW_RATE,
     Filtered,
     Measurements,
     Restarts,
     Start,
     run,
 )
+from gtsam_nav.ekf.direct_measurements import collect_measurements
 from gtsam_nav.ekf.late_fix import through_late_fix
 from gtsam_nav.ekf.water_lock import with_water_motion
-from gtsam_nav.errors import DataError, EstimationError
-from gtsam_nav.frames import Array, quaternion_from_rpy, rotation_from_rpy
+from gtsam_nav.errors import EstimationError
+from gtsam_nav.frames import Array, quaternion_from_rpy, sag_m
 from gtsam_nav.mission import Mission, Rejection
 from gtsam_nav.preprocess.alignment import Alignment, align
 from gtsam_nav.preprocess.settings import MotionSettings
-from gtsam_nav.sensors.dvl import body_velocities
 from gtsam_nav.sensors.noise import HeadingNoise
-from gtsam_nav.sensors.orientation import headings_true, tilt_at
+from gtsam_nav.sensors.orientation import tilt_at
 from gtsam_nav.sensors.prediction import chi2_limit
-from gtsam_nav.sensors.rates import angular_rate_b, mean_gyro_bias_b
-from gtsam_nav.sensors.silences import is_heard, longest_step_s
-from gtsam_nav.series import DepthSeries, HeadingSeries, IntArray, OdometrySeries
 from gtsam_nav.solution import Innovations, Progress, Solution, StageClock
 from gtsam_nav.trajectory import SAME_TIME_S, Trajectory, record_times
 
@@ -183,6 +179,7 @@ def _since(t: Array, restarts: Restarts | None) -> Array:
 def _start(mission: Mission, start: Alignment) -> Start:
     """The alignment; the compass that the filter will follow may differ from it by its bias."""
     x = np.array([*start.p_n, start.rpy[2], 0.0, 0.0, 0.0, 0.0])
+    x[DEPTH] -= sag_m(start.p_n, mission.origin)
     compass = mission.first("heading")
     sigma_yaw = start.sigma_rpy[2]
     if compass is not None:
@@ -206,129 +203,6 @@ def _with_times(grid: Array, t: Array) -> Array:
     return np.sort(np.concatenate([grid[apart], t]))
 
 
-def collect_measurements(
-    mission: Mission, settings: MotionSettings
-) -> tuple[Measurements, tuple[Rejection, ...]]:
-    """All that the filter takes, in the order of time, and the samples left out.
-
-    Raises
-    ------
-    DataError
-        Where nothing measures the velocity.
-    """
-    parts: list[Measurements] = []
-    rejections: list[Rejection] = []
-    for dvl in mission.of_type("dvl"):
-        omega_b = angular_rate_b(mission, dvl.series.t, mean_gyro_bias_b(mission))
-        velocities = body_velocities(dvl, omega_b, settings.water_lock_after_s)
-        rejections += velocities.rejections
-        parts.append(
-            _part(
-                dvl.name,
-                velocities.t,
-                velocities.row,
-                VELOCITY.start,
-                velocities.v_b,
-                np.tile(velocities.sigma[:, None] ** 2, 3),
-            )
-        )
-    headings, by_dvl = headings_true(mission), any(map(len, parts))
-    if not by_dvl:
-        parts += _odometry(mission)
-    if not any(map(len, parts)):
-        raise DataError(
-            f"mission '{mission.name}': dead reckoning needs a DVL with valid samples or odometry;"
-            f" the mission has: {', '.join(sorted(mission.sensors)) or 'no sensor'}"
-        )
-    parts += _depths(mission)
-    if headings is not None:
-        value, sigma = headings.heading[:, None], headings.sigma[:, None]
-        parts.append(_part("heading", headings.t, headings.row, YAW, value, sigma**2))
-    if headings is not None or by_dvl:  # else they come with the speeds
-        parts += _turn_rates(mission, headings)
-    return _merged(parts), tuple(rejections)
-
-
-def _odometry(mission: Mission) -> Iterator[Measurements]:
-    # wheels and thrusters slip in turns: while a compass tells these, they are the compass's
-    size = 4 if headings_true(mission) is None else 3
-    for sensor in mission.of_type("odometry"):
-        series = sensor.series
-        assert isinstance(series, OdometrySeries)
-        # u, v, w and r: what drives or floats moves in its own plane, which may lean
-        v_b = np.column_stack([series.v_b, np.zeros(len(series))])
-        value = np.column_stack([_levelled(mission, series.t, v_b), series.yaw_rate])
-        s_v, s_w = series.sigma_v, series.sigma_yaw_rate
-        variance = np.column_stack([s_v, s_v, s_v, s_w]) ** 2
-        start = VELOCITY.start
-        yield _part(sensor.name, series.t, series.row, start, value[:, :size], variance[:, :size])
-
-
-def _turn_rates(mission: Mission, headings: HeadingSeries | None) -> Iterator[Measurements]:
-    """What odometry tells of the turns while no compass does, apart from its speeds."""
-    for sensor in mission.of_type("odometry"):
-        series, name = sensor.series, sensor.name
-        assert isinstance(series, OdometrySeries)
-        if headings is not None:
-            told = is_heard(headings.t, series.t, longest_step_s(headings.t))
-            series, name = series.select(~told), f"{name} yaw rate"
-        value, sigma = series.yaw_rate[:, None], series.sigma_yaw_rate[:, None]
-        yield _part(name, series.t, series.row, YAW_RATE, value, sigma**2)
-
-
-def _levelled(mission: Mission, t: Array, v_b: Array) -> Array:
-    """Body velocities (n, 3) in axes that are level: the filter's state has no roll and pitch."""
-    tilt, _ = tilt_at(mission, t)
-    R_level = rotation_from_rpy(np.column_stack([tilt, np.zeros(len(t))]))
-    return np.asarray(np.einsum("nij,nj->ni", R_level, v_b))
-
-
-def _depths(mission: Mission) -> Iterator[Measurements]:
-    for sensor in mission.of_type("depth"):
-        series = sensor.series
-        assert isinstance(series, DepthSeries)
-        tilt, _ = tilt_at(mission, series.t)
-        x, y, z = sensor.xyz_b
-        # how far the sensor lies below the body's origin: the tilt is known well enough
-        below = z * np.cos(tilt[:, 0]) * np.cos(tilt[:, 1]) - x * np.sin(tilt[:, 1])
-        below += y * np.sin(tilt[:, 0]) * np.cos(tilt[:, 1])
-        value, variance = (series.depth_m - below)[:, None], series.sigma[:, None] ** 2
-        yield _part(sensor.name, series.t, series.row, DEPTH, value, variance)
-
-
-def _part(
-    name: str, t: Array, row: IntArray, first: int, value: Array, variance: Array
-) -> Measurements:
-    """Measurements of one sensor; ``value`` and ``variance`` have a column an entry."""
-    m, size = value.shape
-    rest = ((0, 0), (0, 4 - size))
-    return Measurements(
-        t=t,
-        first=np.full(m, first),
-        size=np.full(m, size),
-        value=np.pad(value, rest),
-        variance=np.pad(variance, rest),
-        sensor=np.zeros(m, dtype=np.int64),
-        row=row,
-        names=(name,),
-    )
-
-
-def _merged(parts: list[Measurements]) -> Measurements:
-    """All measurements in the order of time; of equal times, in the order of the parts."""
-    order = np.argsort(np.concatenate([part.t for part in parts]), kind="stable")
-    return Measurements(
-        t=np.concatenate([part.t for part in parts])[order],
-        first=np.concatenate([part.first for part in parts])[order],
-        size=np.concatenate([part.size for part in parts])[order],
-        value=np.concatenate([part.value for part in parts])[order],
-        variance=np.concatenate([part.variance for part in parts])[order],
-        sensor=np.repeat(np.arange(len(parts)), [len(part) for part in parts])[order],
-        row=np.concatenate([part.row for part in parts])[order],
-        names=tuple(part.names[0] for part in parts),
-    )
-
-
 def _gated(z: Measurements, filtered: Filtered) -> Iterator[Rejection]:
     for k in np.flatnonzero(~filtered.used).tolist():
         yield Rejection(
@@ -341,8 +215,12 @@ def _gated(z: Measurements, filtered: Filtered) -> Iterator[Rejection]:
 
 
 def filtered_trajectory(filtered: Filtered, mission: Mission) -> Trajectory:
-    """The filtered states with the tilt that the mission measured."""
+    """The filtered states with the tilt that the mission measured.
+
+    They went along the level surface, which falls away from the plane of the mission's NED.
+    """
     t, x, P = filtered.t, filtered.x, filtered.P
+    p_n = x[:, :3] + sag_m(x[:, :3], mission.origin)[:, None] * [0.0, 0.0, 1.0]
     tilt, sigma_tilt = tilt_at(mission, t)
     cov = np.zeros((len(t), 6, 6))
     planar = np.array([0, 1, 2, 5])
@@ -355,7 +233,7 @@ def filtered_trajectory(filtered: Filtered, mission: Mission) -> Trajectory:
     cov_v = R_level @ P[:, VELOCITY, VELOCITY] @ np.swapaxes(R_level, 1, 2)
     return Trajectory(
         t=t,
-        p_n=x[:, :3],
+        p_n=p_n,
         q_nb_wxyz=quaternion_from_rpy(np.column_stack([tilt, x[:, YAW]])),
         v_n=np.einsum("nij,nj->ni", R_level, x[:, VELOCITY]),
         cov_pose_n=cov,

@@ -17,19 +17,20 @@ from gtsam_nav.frames import (
     quaternion_from_rpy,
     rotation_from_rpy,
     rpy_from_rotation,
+    sag_m,
 )
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.alignment import align
 from gtsam_nav.preprocess.first_fixes import ANY_SPEED_M_S, first_fixes, located
 from gtsam_nav.preprocess.rest import Rest, initial_rest
+from gtsam_nav.preprocess.settings import MotionSettings
+from gtsam_nav.sensors.depth import origin_depths
 from gtsam_nav.sensors.noise import ImuNoise
 from gtsam_nav.sensors.orientation import UNMEASURED_TILT_SIGMA_RAD, headings_true
-from gtsam_nav.series import DepthSeries, GnssSeries
+from gtsam_nav.series import GnssSeries
 
 AGAIN_SIGMAS = 3.0
 """What the first fixes and depths tell of the start is doubted so much: they come again."""
-DIVING_M_S = 1.0
-"""Vertical speed between the start and the first depth."""
 UNKNOWN_YAW_SIGMA_RAD = np.pi / np.sqrt(3)
 """Of a heading that may be any."""
 FOUND_YAW_SIGMA_RAD = np.radians(15.0)
@@ -97,7 +98,7 @@ class InertialStart:
         return replace(self, state=state, P=P)
 
 
-def inertial_start(mission: Mission, imu: Sensor) -> InertialStart:
+def inertial_start(mission: Mission, imu: Sensor, settings: MotionSettings) -> InertialStart:
     """Roll and pitch by levelling, the yaw by what there is: see `_yaw`."""
     begin, rest = align(mission), initial_rest(imu)
     rpy = begin.rpy.copy()
@@ -107,7 +108,7 @@ def inertial_start(mission: Mission, imu: Sensor) -> InertialStart:
     rpy[2], sigma_yaw, gyrocompass = _yaw(mission, imu, rest, rpy)
     shown = None
     if not (begin.heading_known or gyrocompass):
-        shown = yaw_shown_by_fixes(mission, imu, replace(begin, rpy=rpy))
+        shown = yaw_shown_by_fixes(mission, imu, replace(begin, rpy=rpy), settings)
     if shown is not None:
         rpy[2], sigma_yaw = shown.yaw, shown.sigma
     R_nb = rotation_from_rpy(rpy)
@@ -118,7 +119,8 @@ def inertial_start(mission: Mission, imu: Sensor) -> InertialStart:
     p_n = begin.p_n + (rotation_from_rpy(begin.rpy) - R_nb) @ arm_b
     depth = mission.first("depth")
     if depth is not None:
-        p_n[2], sigma_p[2] = _first_depth(depth, R_nb, begin.t)
+        depth_m, sigma_depth = origin_depths(depth, np.array([begin.t]), R_nb[None])
+        p_n[2], sigma_p[2] = depth_m[0] + sag_m(p_n, mission.origin), AGAIN_SIGMAS * sigma_depth[0]
     v_n, sigma_v = _velocity(mission)
     tilt = UNMEASURED_TILT_SIGMA_RAD
     noise = ImuNoise.model_validate(imu.noise)
@@ -132,16 +134,6 @@ def inertial_start(mission: Mission, imu: Sensor) -> InertialStart:
     known = begin.heading_known or gyrocompass or mission.first("gnss") is not None
     known = known and (shown is None or shown.in_world)
     return InertialStart(state, P, rest, gyrocompass, begin.georeferenced and known, arm_b)
-
-
-def _first_depth(depth: Sensor, R_nb: Array, start_s: float) -> tuple[float, float]:
-    """Depth of the body's origin at the start, and its standard deviation."""
-    series = depth.series
-    assert isinstance(series, DepthSeries)
-    dived_m = DIVING_M_S * max(float(series.t[0]) - start_s, 0.0)
-    below_m = float((R_nb @ depth.xyz_b)[2])
-    sigma_m = AGAIN_SIGMAS * float(np.hypot(series.sigma[0], dived_m))
-    return float(series.depth_m[0]) - below_m, sigma_m
 
 
 def _yaw(mission: Mission, imu: Sensor, rest: Rest | None, rpy: Array) -> tuple[float, float, bool]:

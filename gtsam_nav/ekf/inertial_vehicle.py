@@ -94,14 +94,14 @@ class InertialVehicle:
         J[:3, RHO] = J[3:, THETA] = self.state.body.R_nb
         return np.asarray(J @ P[:6, :6] @ J.T)
 
-    def after(self, P: Array, error: Array, axes: int) -> Array:
+    def after(self, P: Array, error: Array, first: int, axes: int) -> Array:
         """The covariance in the axes that a correction has turned."""
-        del axes
+        del first, axes
         return in_turned_axes(P, error[THETA])
 
-    def before(self, H: Array, error: Array, axes: int) -> Array:
+    def before(self, H: Array, error: Array, first: int, axes: int) -> Array:
         """The same Jacobian: within an update the axes count as not turned."""
-        del error, axes
+        del error, first, axes
         return H
 
 
@@ -170,7 +170,7 @@ class AidUpdates:
         H = np.zeros((len(prediction.residual), len(self.slam.P)))
         H[:, : prediction.jacobian.shape[1]] = prediction.jacobian
         if len(aid.shared):
-            H[:, SIZE + own.start : SIZE + own.stop] = aid.by_shared(vehicle.state)
+            H[:, SIZE + own.start : SIZE + own.stop] = aid.by_shared(k, vehicle.state)
         S = H @ self.slam.P @ H.T + prediction.cov
         try:
             np.linalg.cholesky(S)

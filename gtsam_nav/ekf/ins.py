@@ -65,7 +65,8 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
     with clock.stage("prepare"):
         align(mission)  # refuses a mission without a span in time
         imu = _imu(mission)
-        strapdown, start = Strapdown(imu, mission.origin), inertial_start(mission, imu)
+        strapdown = Strapdown(imu, mission.origin)
+        start = inertial_start(mission, imu, config.motion)
         aids, rejections = aids_of(mission, strapdown, start, config)
     with clock.stage("filter"):
         run = InsRun(strapdown, start, aids, config.ins_ekf.smooth)

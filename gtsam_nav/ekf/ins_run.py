@@ -190,7 +190,7 @@ class InsRun:
         if len(aid.shared):
             H = np.zeros((len(H), SIZE + own.stop))
             H[:, : prediction.jacobian.shape[1]] = prediction.jacobian
-            H[:, SIZE + own.start :] = aid.by_shared(self.filter.state)
+            H[:, SIZE + own.start :] = aid.by_shared(k, self.filter.state)
         return self.filter.compare(prediction.residual, H, prediction.cov)
 
     def _reject(self, aid: Aid, k: int, reason: str, normalised: float | None) -> None:

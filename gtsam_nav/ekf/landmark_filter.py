@@ -1,13 +1,14 @@
 """The state of landmark SLAM: one vehicle and its landmarks, with their joint covariance.
 
 Smith, Self and Cheeseman, *Estimating uncertain spatial relationships in robotics* (1990). Whatever
-the vehicle is, its errors come first in the covariance, then each landmark's: n and e, and d where
-the sensor tells elevations. Surveyed landmarks are in it from the start, all but certain.
+the vehicle is, its errors come first in the covariance, then that of the scale of the ranges where
+the sensor states its spread, then each landmark's: n and e, and d where the sensor tells
+elevations. Surveyed landmarks are in it from the start, all but certain.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -16,6 +17,7 @@ from gtsam_nav.frames import Array
 from gtsam_nav.mission import Sensor
 from gtsam_nav.sensors.association import Comparison
 from gtsam_nav.sensors.landmarks import Observation, Sighting, observe, place
+from gtsam_nav.sensors.noise import LandmarkNoise
 from gtsam_nav.sensors.prediction import BodyState
 from gtsam_nav.series import IntArray
 
@@ -66,13 +68,14 @@ class Vehicle(Protocol):
         errors is P."""
         ...
 
-    def after(self, P: Array, error: Array, axes: int) -> Array:
-        """The covariance of the whole state, its errors first, once this error is put right."""
+    def after(self, P: Array, error: Array, first: int, axes: int) -> Array:
+        """The covariance of the whole state, its errors first, once this error is put right; the
+        landmarks' are those from ``first`` on, so many ``axes`` each."""
         ...
 
-    def before(self, H: Array, error: Array, axes: int) -> Array:
+    def before(self, H: Array, error: Array, first: int, axes: int) -> Array:
         """A Jacobian (k, n) in the whole state's errors of now, in those before this one was put
-        right; ``axes`` are those of a landmark."""
+        right."""
         ...
 
 
@@ -104,10 +107,20 @@ class LandmarkFilter:
         That sees the landmarks.
     elevation : bool
         Whether it tells elevations.
+
+    Attributes
+    ----------
+    range_scale : float
+        Share by which the ranges are too long.
     """
 
     def __init__(self, vehicle: Vehicle, sensor: Sensor, *, elevation: bool) -> None:
-        self.vehicle, self.P = vehicle, vehicle.P_start.copy()
+        self.vehicle, self.range_scale = vehicle, 0.0
+        scale_sigma = LandmarkNoise.model_validate(sensor.noise).range_scale_sigma
+        self._first = vehicle.size + (1 if scale_sigma > 0 else 0)
+        self.P = np.zeros((self._first, self._first))
+        self.P[: vehicle.size, : vehicle.size] = vehicle.P_start
+        self.P[vehicle.size :, vehicle.size :] = scale_sigma**2
         self.sensor, self.elevation = sensor, elevation
         self.axes = 3 if elevation else 2
         self.landmarks: list[Landmark] = []
@@ -125,7 +138,7 @@ class LandmarkFilter:
         return cov
 
     def _of(self, k: int) -> slice:
-        first = self.vehicle.size + self.axes * k
+        first = self._first + self.axes * k
         return slice(first, first + self.axes)
 
     def advance(self) -> None:
@@ -144,10 +157,15 @@ class LandmarkFilter:
 
     def augment(self, landmark: Landmark, seen: Sighting) -> None:
         """Add a landmark where a sighting puts it, with its covariance with all the rest."""
+        assert seen.range_m is not None
+        true_m, stretch = seen.range_m / (1.0 + self.range_scale), 1.0 + self.range_scale
+        seen = replace(seen, range_m=true_m, sigma_range=seen.sigma_range / stretch)
         placed = place(self.vehicle.body, seen, self.sensor)
-        G = placed.jacobian_body[: self.axes] @ self.vehicle.body_jacobian
         J = placed.jacobian_sighting[: self.axes]
-        n, size = self.vehicle.size, len(self.P)
+        n, size = self._first, len(self.P)
+        G = np.empty((self.axes, n))
+        G[:, : self.vehicle.size] = placed.jacobian_body[: self.axes] @ self.vehicle.body_jacobian
+        G[:, self.vehicle.size :] = -J[:, :1] * true_m / stretch
         self._add(landmark, placed.p_n)
         own = self._of(len(self.landmarks) - 1)
         self.P[own, :size] = G @ self.P[:n, :size]
@@ -220,7 +238,7 @@ class LandmarkFilter:
             error = error + step
             expected, used = residual + H @ step, H
             residual, H = self._predicted(measured, landmarks)
-            H = self.vehicle.before(H, error, self.axes)
+            H = self.vehicle.before(H, error, self._first, self.axes)
             if np.all(np.abs(residual - expected) < NONLINEAR_SIGMAS * sigma):
                 break
         self._contract(K, used, R, error)
@@ -257,13 +275,14 @@ class LandmarkFilter:
     def _move(self, error: Array) -> None:
         n = self.vehicle.size
         self.vehicle.correct(error[:n])
-        self.p_n[:, : self.axes] += error[n:].reshape(-1, self.axes)
+        self.range_scale += float(error[n : self._first].sum())
+        self.p_n[:, : self.axes] += error[self._first :].reshape(-1, self.axes)
 
     def _contract(self, K: Array, H: Array, R: Array, error: Array) -> None:
         """Joseph's (I - K H) P (I - K H)' + K R K', in the axes that the correction leaves."""
         left = np.eye(len(self.P)) - K @ H
         P = left @ self.P @ left.T + K @ R @ K.T
-        self.P = self.vehicle.after(0.5 * (P + P.T), error, self.axes)
+        self.P = self.vehicle.after(0.5 * (P + P.T), error, self._first, self.axes)
 
     def widen(self) -> None:
         """Trust the vehicle's pose less: it has lost its landmarks."""
@@ -279,13 +298,15 @@ class LandmarkFilter:
             self.sensor,
             elevation=self.elevation,
             level=None if self.elevation else learnt,
-        )
+        ).with_ranges_scaled(1.0 + self.range_scale)
 
     def _jacobian(self, observed: Observation, landmarks: IntArray) -> Array:
         """In the errors of the whole state, shape (k, m, size)."""
         k, m = observed.values.shape
         H = np.zeros((k, m, len(self.P)))
         H[..., : self.vehicle.size] = observed.jacobian_body @ self.vehicle.body_jacobian
+        by_scale = observed.values[:, :1] / (1.0 + self.range_scale)
+        H[:, 0, self.vehicle.size : self._first] = by_scale
         for row, landmark in enumerate(landmarks):
             H[row][:, self._of(landmark)] = observed.jacobian_landmark[row][:, : self.axes]
         return H

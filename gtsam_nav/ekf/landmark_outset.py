@@ -128,7 +128,8 @@ def _local(start: Alignment) -> Alignment:
 def _inertial(mission: Mission, imu: Sensor, series: LandmarkSeries, config: Config) -> Outset:
     begin = align(mission)
     strapdown = Strapdown(imu, mission.origin)
-    start = _standing(mission, begin, inertial_start(mission, imu), config)
+    start = inertial_start(mission, imu, config.motion)
+    start = _standing(mission, begin, start, config)
     aids, rejections = aids_of(mission, strapdown, start, config)
     measured = [_since(own, start.state.t) for own in (series.t, *(aid.t for aid in aids))]
     t = np.unique(np.concatenate([record_times(*mission.span_s, config.motion.rate_hz), *measured]))

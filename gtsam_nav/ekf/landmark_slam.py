@@ -8,6 +8,7 @@ one lets the 15 errors of the strapdown filter take the place of the planar thre
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -80,6 +81,7 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         ),
         warnings=(
             *mission.warnings,
+            *_idle_sensors(mission, sensor),
             *([NO_PLACE] if lacks_map else []),
             *said_of_depth(mission, config.landmarks.use_map, estimated=False),
         ),
@@ -100,6 +102,16 @@ def _sightings(mission: Mission) -> tuple[Sensor, LandmarkSeries]:
         )
     assert isinstance(sensor.series, LandmarkSeries)
     return sensor, sensor.series
+
+
+def _idle_sensors(mission: Mission, taken: Sensor) -> Iterator[str]:
+    """Sensors of landmarks beside the one whose sightings are used."""
+    for sensor in mission.of_type("landmarks"):
+        if sensor is not taken:
+            yield (
+                f"'{sensor.name}' is left out: of several sensors of type landmarks landmark-ekf"
+                f" takes the first, '{taken.name}'; graph takes all"
+            )
 
 
 def _survey(slam: LandmarkFilter, mission: Mission) -> None:

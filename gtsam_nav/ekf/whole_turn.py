@@ -20,7 +20,7 @@ COURSE = 2
 """Place of the course among the errors, after north and east."""
 
 
-def covariance_after(P: Array, error: Array, size: int, axes: int) -> Array:
+def covariance_after(P: Array, error: Array, first: int, axes: int) -> Array:
     """Covariance of the errors, carried to the state in which one has been put right.
 
     Parameters
@@ -28,28 +28,29 @@ def covariance_after(P: Array, error: Array, size: int, axes: int) -> Array:
     P : ndarray, shape (n, n)
         Symmetric.
     error : ndarray, shape (n,)
-        Of north, east and course, what else the vehicle has, and each landmark's position.
-    size : int
-        Number of the vehicle's.
+        Of north, east and course, what else there is of vehicle and sensor, and each landmark's
+        position.
+    first : int
+        Place of the first landmark's.
     axes : int
         Of each landmark, north and east first.
     """
-    swept = _swept(error, size, axes)
+    swept = _swept(error, first, axes)
     half = np.outer(swept, P[COURSE] + 0.5 * P[COURSE, COURSE] * swept)
     return np.asarray(P + (half + half.T))
 
 
-def jacobian_before(H: Array, error: Array, size: int, axes: int) -> Array:
+def jacobian_before(H: Array, error: Array, first: int, axes: int) -> Array:
     """A Jacobian (k, n) about the state in which an error has been put right, in the errors before;
     parameters as of `covariance_after`."""
     H = H.copy()
-    H[:, COURSE] += H @ _swept(error, size, axes)
+    H[:, COURSE] += H @ _swept(error, first, axes)
     return H
 
 
-def _swept(error: Array, size: int, axes: int) -> Array:
+def _swept(error: Array, first: int, axes: int) -> Array:
     """By how much more a turn moves each position that this error has moved, shape (n,)."""
     swept = np.zeros_like(error)
-    for first in (0, *range(size, len(error), axes)):
-        swept[first : first + 2] = -error[first + 1], error[first]
+    for at in (0, *range(first, len(error), axes)):
+        swept[at : at + 2] = -error[at + 1], error[at]
     return swept

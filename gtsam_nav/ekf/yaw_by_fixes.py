@@ -43,7 +43,9 @@ class ShownYaw:
     in_world: bool
 
 
-def yaw_shown_by_fixes(mission: Mission, imu: Sensor, start: Alignment) -> ShownYaw | None:
+def yaw_shown_by_fixes(
+    mission: Mission, imu: Sensor, start: Alignment, settings: MotionSettings
+) -> ShownYaw | None:
     """Compare the way by velocities and gyro with the fixes of their first minute.
 
     Returns
@@ -58,7 +60,6 @@ def yaw_shown_by_fixes(mission: Mission, imu: Sensor, start: Alignment) -> Shown
     early = mission.crop(stop_s=float(gnss.series.t[0]) + FIRST_FIXES_S)
     if not measures_velocity(early):
         return None
-    settings = MotionSettings()
     motion = vehicle_motion(early, start, settings, imu)
     turn = turn_onto_fixes(early, motion)
     fixes = early.sensors[gnss.name].series

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from gtsam_nav.errors import DataError
-from gtsam_nav.frames import Array, rotation_from_rpy, wrap_angle
+from gtsam_nav.frames import Array, Origin, rotation_from_rpy, sag_m, wrap_angle
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.first_fixes import first_fixes, locating_receiver
+from gtsam_nav.sensors.depth import origin_depths
 from gtsam_nav.sensors.orientation import headings_true, tilt_at
-from gtsam_nav.series import DepthSeries, GnssSeries, ImuSeries
+from gtsam_nav.series import GnssSeries, ImuSeries
 
 UNKNOWN_SIGMA_M = 1.0
 """Spread of a start that only defines the local frame."""
@@ -54,6 +55,12 @@ class Alignment:
         """Rotation matrix of the attitude."""
         return rotation_from_rpy(self.rpy)
 
+    def level_at(self, ne: Array, origin: Origin | None) -> Array:
+        """Another place (2,) of the depth of this start, shape (3,)."""
+        p_n = np.append(ne, self.p_n[2])
+        p_n[2] += sag_m(p_n, origin) - sag_m(self.p_n, origin)
+        return p_n
+
 
 def align(mission: Mission) -> Alignment:
     """Initial alignment from the mission's statement, GNSS, AHRS and rest levelling.
@@ -76,12 +83,10 @@ def align(mission: Mission) -> Alignment:
     rpy = np.array([*tilt, heading])
     R_nb = rotation_from_rpy(rpy)
     p_n, sigma_p, georeferenced = _position(mission, start, R_nb)
-    depth = mission.first("depth")
-    if depth is not None:
-        series = depth.series
-        assert isinstance(series, DepthSeries)
-        p_n[2] = series.depth_m[0] - R_nb[2] @ depth.xyz_b
-        sigma_p[2] = series.sigma[0]
+    gauge = mission.first("depth")
+    if gauge is not None:
+        depth_m, sigma_depth = origin_depths(gauge, np.array([start]), R_nb[None])
+        p_n[2], sigma_p[2] = depth_m[0] + sag_m(p_n, mission.origin), sigma_depth[0]
     sigma_rpy = np.array([sigma_tilt, sigma_tilt, sigma_heading])
     known = mission.initial.heading is not None or headings_true(mission) is not None
     return Alignment(start, p_n, sigma_p, rpy, sigma_rpy, georeferenced, known)

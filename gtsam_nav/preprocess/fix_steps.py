@@ -185,5 +185,5 @@ def _said(t: Array, stretch: _Stretch, off_m: float, name: str) -> str:
     return (
         f"{which} lie {off_m:.1f} m off the others by a jump that the receiver's own velocities"
         " have not, as of RTK that turns from float to fixed: taken to share an error of that size;"
-        " if they are right, leave the velocities out"
+        " if they are right, gnss.use_velocity=false leaves the velocities out"
     )

@@ -15,15 +15,17 @@ from typing import Any
 
 import numpy as np
 
-from gtsam_nav.frames import Array
+from gtsam_nav.frames import Array, sag_m
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.depth_by_ranges import DEEPER_M, DIVE_M_SQRT_S
 from gtsam_nav.preprocess.motion import measures_velocity
+from gtsam_nav.sensors.depth import origin_depths
 from gtsam_nav.sensors.landmarks import trusted_ids
 from gtsam_nav.sensors.noise import LandmarkNoise
+from gtsam_nav.sensors.orientation import level_attitudes
 from gtsam_nav.sensors.prediction import chi2_limit
 from gtsam_nav.sensors.settings import LandmarkSettings
-from gtsam_nav.series import DepthSeries, GnssSeries, IntArray, LandmarkSeries
+from gtsam_nav.series import GnssSeries, IntArray, LandmarkSeries
 
 FEWEST_BEACONS, LEAST_BREADTH = 3, 0.1
 """Beacons in one line tell no side of it: so broad, as a share of their length, they must lie."""
@@ -179,9 +181,8 @@ def _begin(ranges: _Ranges, mission: Mission) -> tuple[Array, Any]:
         moved_m = spread_m if ranges.t[0] > mission.span_s[0] + 1.0 else 0.0
         information[0] = 1.0 / (initial.sigma_p**2 + moved_m**2)
     if depth is not None:
-        assert isinstance(depth.series, DepthSeries)
-        measured_m = depth.series.depth_m - depth.xyz_b[2]
-        begin[:, 2] = np.interp(ranges.t, depth.series.t, measured_m)
+        depth_m, _ = origin_depths(depth, ranges.t, level_attitudes(mission, ranges.t))
+        begin[:, 2] = depth_m + sag_m(begin, mission.origin)
         information[:, 2] = MEASURED_DEPTH_M**-2
     return begin, diags_array(information.ravel())
 

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from gtsam_nav.mission import Mission, Sensor
-from gtsam_nav.series import ReferenceSeries
+from gtsam_nav.series import GnssSeries, ReferenceSeries
 from gtsam_nav.settings import Settings
 
 DEFAULT_WINDOW_S = (0.0, 300.0)
@@ -33,7 +33,7 @@ class GnssSettings(Settings):
         Use GNSS height although the mission has a depth sensor. (`graph` uses it anyway while that
         sensor is silent.)
     use_velocity : bool
-        Use the receiver's velocities where it gives them.
+        Use the receiver's velocities where it gives them; else nothing looks at them.
     reject_outliers : bool
         Whether `ins-ekf` leaves out fixes that fail the tests below; `graph` has its own settings
         for that, ``graph.robust.gnss`` and ``graph.robust.gnss_velocity``.
@@ -74,7 +74,8 @@ def split_fixes(mission: Mission, settings: GnssSettings) -> tuple[Mission, Sens
     Returns
     -------
     blind : Mission
-        Without the reference and without the withheld fixes.
+        Without the reference, the withheld fixes, and velocities that are not to be used. It says
+        where the policy leaves no fix.
     reference : Sensor or None
         The mission's reference; without one, the withheld fixes of its first receiver.
     n_withheld : int
@@ -83,9 +84,11 @@ def split_fixes(mission: Mission, settings: GnssSettings) -> tuple[Mission, Sens
     use = settings.use or ("all" if mission.reference is not None else "window")
     blind = mission.without(*[s.name for s in mission.sensors.values() if s.type == "reference"])
     reference = mission.reference
-    n_withheld = 0
+    n_withheld = n_used = 0
     for sensor in mission.of_type("gnss"):
-        t = sensor.series.t
+        series = sensor.series
+        assert isinstance(series, GnssSeries)
+        t = series.t
         if use == "all":
             used = np.ones(len(t), dtype=bool)
         elif use == "none":
@@ -96,11 +99,25 @@ def split_fixes(mission: Mission, settings: GnssSettings) -> tuple[Mission, Sens
             used = (t >= settings.window_s[0]) & (t < settings.window_s[1])
         else:
             used = ~np.any([(t >= a) & (t < b) for a, b in settings.gaps_s] or [t < t[0]], axis=0)
-        n_withheld += int(np.sum(~used))
-        blind = blind.with_sensor(replace(sensor, series=sensor.series.select(used)))
+        n_used, n_withheld = n_used + int(np.sum(used)), n_withheld + int(np.sum(~used))
+        left = series.select(used)
+        left = left if settings.use_velocity else replace(left, v_n=None)
+        blind = blind.with_sensor(replace(sensor, series=left))
         if reference is None and np.any(~used):
-            reference = reference_from_fixes(replace(sensor, series=sensor.series.select(~used)))
+            reference = reference_from_fixes(replace(sensor, series=series.select(~used)))
+    if n_withheld and not n_used and use != "none":
+        blind = replace(blind, warnings=(*blind.warnings, _said_of_none(mission, use, settings)))
     return blind, reference, n_withheld
+
+
+def _said_of_none(mission: Mission, use: str, settings: GnssSettings) -> str:
+    """What is said where a policy leaves no fix, though not by asking for none."""
+    t = np.concatenate([sensor.series.t for sensor in mission.of_type("gnss")])
+    spans = f" (gnss.window_s is {list(settings.window_s)})" if use == "window" else ""
+    return (
+        f"gnss.use={use}{spans} leaves the estimate none of the {len(t)} fixes, which are from"
+        f" {t.min():.1f} s to {t.max():.1f} s; gnss.use=all, or another window, gives it some"
+    )
 
 
 def reference_from_fixes(gnss: Sensor) -> Sensor:

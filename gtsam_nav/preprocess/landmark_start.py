@@ -264,7 +264,7 @@ def _alignment(
     sigma = np.sqrt(np.diag(cov)[:3])
     return replace(
         stated,
-        p_n=np.append(x[0, :2], stated.p_n[2]),
+        p_n=stated.level_at(x[0, :2], mission.origin),
         sigma_p=np.append(sigma[:2], stated.sigma_p[2]),
         rpy=np.append(stated.rpy[:2], wrap_angle(x[0, 2])),
         sigma_rpy=np.append(stated.sigma_rpy[:2], sigma[2]),

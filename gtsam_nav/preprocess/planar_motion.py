@@ -18,7 +18,8 @@ from gtsam_nav.preprocess.settings import MotionSettings
 from gtsam_nav.preprocess.turn_sources import TurnSource, spliced
 from gtsam_nav.sensors.dvl import body_velocities, water_spells
 from gtsam_nav.sensors.noise import DvlNoise, HeadingNoise, ImuNoise, OdometryNoise
-from gtsam_nav.sensors.orientation import headings_true
+from gtsam_nav.sensors.odometry import curvature_sigma
+from gtsam_nav.sensors.orientation import headings_true, in_level_axes
 from gtsam_nav.sensors.rates import angular_rate_b, mean_gyro_bias_b
 from gtsam_nav.sensors.silences import longest_step_s
 from gtsam_nav.series import HeadingSeries, ImuSeries, OdometrySeries
@@ -62,6 +63,8 @@ class PlanarMotion:
         Spread of the constant error of the speeds, as a share of them.
     curvature_sigma : float
         Spread of the constant error of the turns, rad a metre.
+    misalignment_sigma : float
+        Spread of the constant error of the speeds' direction, rad.
     disturbance_sigma, disturbance_time_s : float
         Of the compass's Gauss-Markov error, whose walk ``variance`` holds; zero without a compass.
     white_sigma : float
@@ -77,6 +80,7 @@ class PlanarMotion:
     course_is_heading: bool
     scale_sigma: float
     curvature_sigma: float
+    misalignment_sigma: float = 0.0
     disturbance_sigma: float = 0.0
     disturbance_time_s: float = 1.0
     white_sigma: float = 0.0
@@ -128,12 +132,12 @@ class Speeds:
     Attributes
     ----------
     t : ndarray, shape (n,)
-    v_b : ndarray, shape (n, 2)
-        Forward and to starboard, m/s.
+    v_level : ndarray, shape (n, 2)
+        Ahead and to starboard in level axes, m/s.
     sigma : ndarray, shape (n,)
         Of their white noise.
-    scale_sigma : float
-        Of their scale's constant error, as a share.
+    scale_sigma, misalignment_sigma : float
+        Of the constant errors of their scale, as a share, and of their direction, rad.
     by_pings : bool
         Whether each has an error of its own, which counts for as long as it tells the speed. That
         of wheels or thrusters comes with the motion, however often it is told.
@@ -142,9 +146,10 @@ class Speeds:
     """
 
     t: Array
-    v_b: Array
+    v_level: Array
     sigma: Array
     scale_sigma: float
+    misalignment_sigma: float
     by_pings: bool = False
     current_sigma: float = 0.0
     water_spells: Array = field(default_factory=lambda: np.empty((0, 2)))
@@ -170,10 +175,11 @@ def planar_motion(
     if readings is None:
         return None
     start, stop = mission.span_s
-    t, v_b, sigma_v = _held_to(readings.t, readings.v_b, readings.sigma, start, stop)
+    t, v_level, sigma_v = _held_to(readings.t, readings.v_level, readings.sigma, start, stop)
     course, course_variance, is_heading = _course(mission, t, settings)
     c, s, dt = np.cos(course), np.sin(course), np.diff(t)
-    v = np.column_stack([c * v_b[:, 0] - s * v_b[:, 1], s * v_b[:, 0] + c * v_b[:, 1]])
+    ahead, aside = v_level.T
+    v = np.column_stack([c * ahead - s * aside, s * ahead + c * aside])
     steps = 0.5 * (v[1:] + v[:-1]) * dt[:, None]
     density = sigma_v**2 * (_told_s(dt) if readings.by_pings else np.median(dt))
     unseen = _silence(dt) if readings_suffice or not readings.by_pings else dt
@@ -188,7 +194,8 @@ def planar_motion(
         variance,
         is_heading,
         readings.scale_sigma,
-        0.0 if is_heading else _curvature_sigma(mission),
+        0.0 if is_heading else curvature_sigma(mission),
+        readings.misalignment_sigma,
         *compass,
         current_sigma=readings.current_sigma,
         water_spells=readings.water_spells,
@@ -237,9 +244,10 @@ def _speeds(mission: Mission, settings: MotionSettings) -> Speeds | None:
             spells = water_spells([dvl], settings.water_lock_after_s)
             return Speeds(
                 found.t,
-                found.v_b[:, :2],
+                in_level_axes(mission, found.t, found.v_b)[:, :2],
                 found.sigma,
                 noise.scale_sigma,
+                float(np.radians(noise.misalignment_sigma_deg)),
                 by_pings=True,
                 current_sigma=noise.water_sigma_m_s,
                 water_spells=spells,
@@ -249,16 +257,11 @@ def _speeds(mission: Mission, settings: MotionSettings) -> Speeds | None:
         return None
     series = odometry.series
     assert isinstance(series, OdometrySeries)
-    scale_sigma = OdometryNoise.model_validate(odometry.noise).scale_sigma
-    return Speeds(series.t, series.v_b, series.sigma_v, scale_sigma)
-
-
-def _curvature_sigma(mission: Mission) -> float:
-    odometry = mission.first("odometry")
-    if odometry is None:
-        return 0.0
-    noise = OdometryNoise.model_validate(odometry.noise)
-    return float(np.radians(noise.curvature_sigma_deg_m))
+    of_wheels = OdometryNoise.model_validate(odometry.noise)
+    misalignment = float(np.radians(of_wheels.misalignment_sigma_deg))
+    v_b = np.column_stack([series.v_b, np.zeros(len(series))])
+    v_level = in_level_axes(mission, series.t, v_b)[:, :2]
+    return Speeds(series.t, v_level, series.sigma_v, of_wheels.scale_sigma, misalignment)
 
 
 def _course(mission: Mission, t: Array, settings: MotionSettings) -> tuple[Array, Array, bool]:

@@ -13,17 +13,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gtsam_nav.frames import Array, wrap_angle
+from gtsam_nav.frames import Array, Origin, sag_m, wrap_angle
 from gtsam_nav.mission import LandmarkMap, Mission, Sensor
 from gtsam_nav.preprocess.alignment import Alignment, align
 from gtsam_nav.preprocess.depth_by_ranges import depth_spread_m
 from gtsam_nav.preprocess.planar_motion import PlanarMotion
 from gtsam_nav.preprocess.planar_places import MOST_SIGMA_RAD, are_elsewhere, moved, rotated
+from gtsam_nav.sensors.depth import origin_depths
 from gtsam_nav.sensors.landmarks import trusted_ids
 from gtsam_nav.sensors.noise import LandmarkNoise
+from gtsam_nav.sensors.orientation import level_attitudes
 from gtsam_nav.sensors.prediction import chi2_limit
 from gtsam_nav.sensors.settings import LandmarkSettings
-from gtsam_nav.series import BoolArray, DepthSeries, IntArray, LandmarkSeries
+from gtsam_nav.series import BoolArray, IntArray, LandmarkSeries
 
 FIRST_STRETCH_S = 10.0
 """Length of the first stretch of ranges; each next one is twice as long."""
@@ -122,6 +124,7 @@ def range_start(
     ids = trusted_ids(series, settings)
     usable = np.flatnonzero(np.isin(ids, landmarks.id))
     stated, t = align(mission), series.t[usable]
+    landmarks = _below_level(landmarks, mission.origin)
     spread_m = depth_spread_m(mission, settings.use_map)
     known = Known(
         float(stated.sigma_rpy[2]) if motion.course_is_heading else np.inf, spread_m or SAME_DEPTH_M
@@ -134,11 +137,19 @@ def range_start(
         ranges = _ranges(motion, sensor, landmarks, own, ids, depth_m)
         found = _placed(ranges, known)
         if found is not None:
-            return _alignment(stated, motion, float(t[0]), *found, unknown_depth=spread_m > 0)
+            return _alignment(
+                stated, motion, float(t[0]), *found, mission.origin, unknown_depth=spread_m > 0
+            )
         if n == len(t):
             return None
         stretch_s *= 2
     return None
+
+
+def _below_level(landmarks: LandmarkMap, origin: Origin | None) -> LandmarkMap:
+    """The map with depths below the level surface, as a gauge tells the vehicle's."""
+    down = sag_m(landmarks.p_n, origin)[:, None] * [0.0, 0.0, 1.0]
+    return replace(landmarks, p_n=landmarks.p_n - down)
 
 
 def _ranges(
@@ -175,12 +186,12 @@ def _ranges(
 
 
 def _depths(mission: Mission, t: Array, stated: Alignment) -> Array:
-    """Of the vehicle, m; where nothing measures it, as at the start."""
-    depth = mission.first("depth")
-    if depth is None:
-        return np.full(len(t), float(stated.p_n[2]))
-    assert isinstance(depth.series, DepthSeries)
-    return np.asarray(np.interp(t, depth.series.t, depth.series.depth_m - depth.xyz_b[2]))
+    """Of the vehicle below the level surface, m; where nothing measures it, as at the start."""
+    gauge = mission.first("depth")
+    if gauge is None:
+        return np.full(len(t), stated.p_n[2] - sag_m(stated.p_n, mission.origin))
+    depth_m, _ = origin_depths(gauge, t, level_attitudes(mission, t))
+    return depth_m
 
 
 def _placed(ranges: Ranges, known: Known) -> tuple[Array, Array] | None:
@@ -255,6 +266,7 @@ def _alignment(
     first_s: float,
     x: Array,
     cov: Array,
+    origin: Origin | None,
     *,
     unknown_depth: bool,
 ) -> Alignment:
@@ -263,9 +275,10 @@ def _alignment(
     place = moved(x, p[:1] - p[1])[0]
     strayed = np.abs(variance[1] - variance[0])
     sigma_depth = np.sqrt(cov[3, 3]) if unknown_depth else stated.sigma_p[2]
+    deeper_m = x[3] if unknown_depth else 0.0
     return replace(
         stated,
-        p_n=np.append(place, stated.p_n[2] + (x[3] if unknown_depth else 0.0)),
+        p_n=stated.level_at(place, origin) + np.array([0.0, 0.0, deeper_m]),
         sigma_p=np.append(np.sqrt(np.diag(cov)[:2] + strayed[:2]), sigma_depth),
         rpy=np.append(stated.rpy[:2], wrap_angle(course[0] + x[2])),
         sigma_rpy=np.append(stated.sigma_rpy[:2], np.sqrt(cov[2, 2] + strayed[2])),

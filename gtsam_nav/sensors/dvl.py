@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from gtsam_nav.series import BoolArray, DvlSeries, IntArray
 @dataclass(frozen=True)
 class BodyVelocities:
     """Velocities of the body's origin in body axes, (n, 3) m/s, with sigmas (n,); by a DVL, or by
-    odometry."""
+    odometry. Those ``through_water`` are not over ground; none is where that is empty."""
 
     sensor: str
     t: Array
@@ -26,12 +26,15 @@ class BodyVelocities:
     row: IntArray
     rejections: tuple[Rejection, ...] = ()
     by_wheels: bool = False
+    through_water: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))
 
     def __len__(self) -> int:
         return len(self.t)
 
 
-def body_velocities(dvl: Sensor, omega_b: Array, water_lock_after_s: float) -> BodyVelocities:
+def body_velocities(
+    dvl: Sensor, omega_b: Array, water_lock_after_s: float, *, current_apart: bool = False
+) -> BodyVelocities:
     """The usable samples of a DVL as velocities of the body's origin.
 
     Short losses of bottom lock are left to the motion model: water lock, which measures the
@@ -44,6 +47,8 @@ def body_velocities(dvl: Sensor, omega_b: Array, water_lock_after_s: float) -> B
         Angular rate at the DVL's samples, rad/s, for its lever arm.
     water_lock_after_s : float
         Longest absence of bottom lock that is bridged.
+    current_apart : bool
+        Whether the sigmas leave out the water's own motion, for it is an error of its own.
     """
     series = dvl.series
     assert isinstance(series, DvlSeries)
@@ -53,7 +58,8 @@ def body_velocities(dvl: Sensor, omega_b: Array, water_lock_after_s: float) -> B
     absence = _seconds_without(series.t, bottom)
     used = bottom | (water & (absence > water_lock_after_s))
     v_b = noise.velocity_factor * series.v_d @ dvl.R_bs.T - np.cross(omega_b, dvl.xyz_b)
-    sigma = np.where(bottom, series.sigma, np.hypot(series.sigma, noise.water_sigma_m_s))
+    moving = np.hypot(series.sigma, 0.0 if current_apart else noise.water_sigma_m_s)
+    sigma = np.where(bottom, series.sigma, moving)
     rejections = tuple(
         Rejection(
             t=float(series.t[k]),
@@ -64,7 +70,13 @@ def body_velocities(dvl: Sensor, omega_b: Array, water_lock_after_s: float) -> B
         for k in np.flatnonzero(~used)
     )
     return BodyVelocities(
-        dvl.name, series.t[used], v_b[used], sigma[used], series.row[used], rejections
+        dvl.name,
+        series.t[used],
+        v_b[used],
+        sigma[used],
+        series.row[used],
+        rejections,
+        through_water=water[used],
     )
 
 

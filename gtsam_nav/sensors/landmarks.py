@@ -11,7 +11,7 @@ residual of zero.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -96,6 +96,16 @@ class Observation:
     values: Array
     jacobian_body: Array
     jacobian_landmark: Array
+
+    def with_ranges_scaled(self, factor: float) -> Observation:
+        """What a sensor sees whose ranges are too long by a factor."""
+        stretch = np.ones(self.values.shape[-1])
+        stretch[0] = factor
+        return Observation(
+            stretch * self.values,
+            stretch[:, None] * self.jacobian_body,
+            stretch[:, None] * self.jacobian_landmark,
+        )
 
     def residual(self, measured: Array) -> Array:
         """Predicted less measured, angles wrapped, zero where there is no information.
@@ -297,15 +307,14 @@ def predict(
     ``range_scale`` is by what share of them the ranges are too long, as with a wrong sound speed.
     """
     observed = observe(state, landmark_n[None], sensor, elevation=seen.elevation is not None)
-    rows, stretch = seen.rows, np.ones(len(seen.polar))
-    stretch[0] += range_scale
-    by_scale = np.where(np.arange(len(stretch)) == 0, observed.values[0], 0.0)
-    stretched = replace(observed, values=observed.values * stretch)
+    rows = seen.rows
+    by_scale = np.where(np.arange(len(seen.polar)) == 0, observed.values[0], 0.0)
+    stretched = observed.with_ranges_scaled(1.0 + range_scale)
     return LandmarkPrediction(
         stretched.residual(seen.polar)[0, rows],
-        (stretch[:, None] * observed.jacobian_body[0])[rows],
+        stretched.jacobian_body[0, rows],
         seen.cov,
-        (stretch[:, None] * observed.jacobian_landmark[0])[rows],
+        stretched.jacobian_landmark[0, rows],
         by_scale[rows],
     )
 

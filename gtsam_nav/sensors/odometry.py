@@ -1,4 +1,4 @@
-"""What measures the vehicle's own velocity, and its constant errors."""
+"""What measures the vehicle's own velocity, and the constant errors of that and of its turns."""
 
 from __future__ import annotations
 
@@ -31,3 +31,12 @@ def velocity_calibration_sigma(mission: Mission) -> Array:
     else:
         noise = OdometryNoise.model_validate(sensor.noise if sensor else {})
     return np.array([noise.scale_sigma, np.radians(noise.misalignment_sigma_deg)])
+
+
+def curvature_sigma(mission: Mission) -> float:
+    """Spread of the turn that odometry does not notice, rad a metre; zero without it."""
+    odometry = mission.first("odometry")
+    if odometry is None:
+        return 0.0
+    noise = OdometryNoise.model_validate(odometry.noise)
+    return float(np.radians(noise.curvature_sigma_deg_m))

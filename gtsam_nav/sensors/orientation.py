@@ -127,3 +127,14 @@ def measures_tilt_at(mission: Mission, t: Array) -> BoolArray:
     """At which times (n,) an AHRS tells roll and pitch."""
     sensor = mission.first("attitude")
     return np.zeros(len(t), dtype=bool) if sensor is None else speaks_at(sensor, mission, t)
+
+
+def level_attitudes(mission: Mission, t: Array) -> Array:
+    """Attitudes (n, 3, 3) at given times against level axes of the same yaw."""
+    tilt, _ = tilt_at(mission, t)
+    return rotation_from_rpy(np.column_stack([tilt, np.zeros(len(t))]))
+
+
+def in_level_axes(mission: Mission, t: Array, v_b: Array) -> Array:
+    """Body velocities (n, 3) at given times in axes of the same yaw that are level."""
+    return np.asarray(np.einsum("nij,nj->ni", level_attitudes(mission, t), v_b))

@@ -63,6 +63,20 @@ def test_the_covariance_is_that_of_simulated_errors() -> None:
     np.testing.assert_allclose(np.linalg.norm(found.sigma_v_n, axis=1), expected, rtol=1e-6)
 
 
+@pytest.mark.parametrize("sigma_deg_m", [0.05, 0.4])
+def test_a_turn_that_odometry_does_not_notice_bends_the_way(sigma_deg_m: float) -> None:
+    """By 6 and by 48 degrees in the end; over the second the course is far from linear."""
+    sigma, rng = np.radians(sigma_deg_m), np.random.default_rng(5)
+    turned = rng.normal(scale=sigma, size=(4000, 1)) * (SPEED_M_S * T)
+    p = moved(COURSE + turned, SPEED_M_S * np.ones(len(T)))[:, -1] - track().p_n[-1, :2]
+    found = with_considered(track(), ConsideredErrors(0.0, 0.0, 1.0, 0.0, 0.0, curvature=sigma))
+    assert found.cov_pose_n is not None
+    stated = found.cov_pose_n[-1, :2, :2]
+    nees = np.sum(p * np.linalg.solve(stated + 1e-9 * np.eye(2), p.T).T, axis=1)
+    assert 0.3 < np.mean(nees) < 2.2
+    assert found.cov_pose_n[-1, 5, 5] == pytest.approx(np.var(turned[:, -1]), rel=0.06)
+
+
 def test_nothing_that_is_estimated_moves() -> None:
     errors = ConsideredErrors(0.1, 0.1, 60.0, 0.1, 0.1)
     before, after = track(), with_considered(track(), errors)

@@ -273,6 +273,23 @@ def test_wheels_climb_a_slope_and_slip_in_turns() -> None:
     np.testing.assert_allclose(trajectory.p_n[-1], way, atol=0.05)
 
 
+def test_a_turn_that_wheels_do_not_notice_is_in_the_covariance() -> None:
+    """Half a degree a metre, within the degree that is stated; a compass would tell it."""
+    solution = gn.estimate(Mission("bent", {"odometry": odometry(yaw_rate=0.0)}), "dr")
+    track = solution.trajectory
+    turn = np.radians(0.5)
+    way_m = 0.5 * track.t[-1]
+    truth = np.array([np.sin(turn * way_m), 1 - np.cos(turn * way_m)]) / turn
+    error = track.p_n[-1, :2] - truth
+    assert track.cov_pose_n is not None
+    assert error @ np.linalg.solve(track.cov_pose_n[-1, :2, :2], error) < 6.0
+    assert np.sqrt(track.cov_pose_n[-1, 5, 5]) > turn * way_m
+    beside = straight().without("dvl").with_sensor(odometry(yaw_rate=0.0))
+    by_compass = gn.estimate(beside, "dr").trajectory.sigma_rpy
+    assert by_compass is not None
+    assert by_compass[-1, 2] - by_compass[9, 2] < 0.01
+
+
 def test_wheels_that_start_at_once_are_believed() -> None:
     wheels = odometry(speed_m_s=2.0, yaw_rate=0.0)
     series = wheels.series
@@ -338,13 +355,41 @@ def test_a_filter_that_diverges_says_so() -> None:
         gn.estimate(lost, "dr")
 
 
+def leaning(mission: Mission, tilt: AttitudeSeries) -> Mission:
+    """The same level way by a vehicle that leans all along: its DVL leans with it."""
+    dvl = mission.sensors["dvl"]
+    assert isinstance(dvl.series, DvlSeries)
+    v_d = dvl.series.v_d @ rotation_from_rpy([tilt.roll[0], tilt.pitch[0], 0.0])
+    mission = mission.with_sensor(replace(dvl, series=replace(dvl.series, v_d=v_d)))
+    return mission.with_sensor(Sensor("attitude", "attitude", tilt))
+
+
+@pytest.mark.parametrize("rpy_deg", [(0.0, 20.0, 0.0), (30.0, 0.0, 0.0), (180.0, 0.0, 0.0)])
+def test_a_dvl_leans_with_the_vehicle(rpy_deg: tuple[float, float, float]) -> None:
+    """Along its bow and to starboard, without a depth gauge: it climbs, or drifts to port."""
+    level = straight().without("depth")
+    dvl = level.sensors["dvl"]
+    assert isinstance(dvl.series, DvlSeries)
+    v_b = np.array([SPEED_M_S, 0.1, 0.0])
+    askew = replace(dvl, series=replace(dvl.series, v_d=np.tile(v_b, (len(T_DVL), 1))))
+    roll, pitch, _ = np.radians(rpy_deg)
+    n = len(T_DVL)
+    tilt = AttitudeSeries(t=T_DVL, roll=full(n, roll), pitch=full(n, pitch), sigma=full(n, 0.01))
+    mission = level.with_sensor(askew).with_sensor(Sensor("attitude", "attitude", tilt))
+    trajectory = gn.estimate(mission, "dr").trajectory
+    v_n = rotation_from_rpy([roll, pitch, HEADING]) @ v_b
+    np.testing.assert_allclose(trajectory.p_n[-1], v_n * trajectory.t[-1], atol=0.1)
+    assert trajectory.v_n is not None
+    np.testing.assert_allclose(trajectory.v_n[-1], v_n, atol=1e-3)
+
+
 def test_tilt_comes_from_the_clinometer_and_turns_the_depth_lever() -> None:
     roll, pitch, arm_b = 0.2, -0.3, np.array([2.0, 0.5, -0.4])
     t = np.arange(0.0, DURATION_S, 0.5)
     n = len(t)
     tilt = AttitudeSeries(t=t, roll=full(n, roll), pitch=full(n, pitch), sigma=full(n, 0.01))
     below = float((rotation_from_rpy([roll, pitch, HEADING]) @ arm_b)[2])
-    mission = straight().with_sensor(Sensor("attitude", "attitude", tilt))
+    mission = leaning(straight(), tilt)
     gauge = DepthSeries(t=t, depth_m=full(n, 2.0 + below), sigma=full(n, 0.01))
     solution = gn.estimate(mission.with_sensor(Sensor("depth", "depth", gauge, xyz_b=arm_b)), "dr")
     np.testing.assert_allclose(solution.trajectory.p_n[:, 2], 2.0, atol=1e-6)

@@ -35,6 +35,7 @@ from gtsam_nav.frames import (
 )
 from gtsam_nav.mission import Constraints, InitialState, Mission, Rejection, Sensor
 from gtsam_nav.preprocess.gnss_policy import split_fixes
+from gtsam_nav.preprocess.settings import MotionSettings
 from gtsam_nav.sensors.prediction import Prediction
 from gtsam_nav.series import (
     DepthSeries,
@@ -263,7 +264,8 @@ def test_a_singular_innovation_is_left_out_and_said() -> None:
     """A reading without noise of something that is known exactly."""
     mission = laps().crop(0.0, 10.0)
     imu = mission.sensors["imu"]
-    strapdown, start = Strapdown(imu, mission.origin), inertial_start(mission, imu)
+    strapdown = Strapdown(imu, mission.origin)
+    start = inertial_start(mission, imu, MotionSettings())
 
     def known(_k: int, _state: InertialState, _shared: Array) -> Prediction:
         return Prediction(np.ones(2), np.zeros((2, 9)), np.zeros((2, 2)))
@@ -482,7 +484,7 @@ def test_navigation_grade_gyros_find_north() -> None:
     }
     unit = Sensor("imu", "imu", ImuSeries(t=t, gyro_i=gyro, accel_i=force), noise=noise)
     mission = Mission("quay", {"imu": unit}, origin, initial=InitialState(p_n=np.zeros(3)))
-    start = inertial_start(mission, unit)
+    start = inertial_start(mission, unit, MotionSettings())
     assert start.gyrocompass
     solution = estimate(mission)
     assert solution.georeferenced
@@ -499,7 +501,7 @@ def test_what_moves_at_first_begins_on_its_course() -> None:
     fixes, truth = fixes_of(moving), truth_of(moving)
     p_n = np.stack([np.interp(fixes.t, truth.t, axis) for axis in truth.p_n.T], axis=1)
     exact = edited(moving, "gnss", p_n=p_n, sigma=np.full(p_n.shape, 0.02), v_n=None)
-    start = inertial_start(exact, exact.sensors["imu"])
+    start = inertial_start(exact, exact.sensors["imu"], MotionSettings())
     assert truth.rpy is not None
     off = wrap_angle(rpy_from_rotation(start.state.body.R_nb)[2] - truth.rpy[0, 2])
     assert np.degrees(abs(off)) < 30.0
@@ -561,7 +563,7 @@ def test_a_car_coasts_through_gaps_of_its_fixes(
 def run_filter(mission: Mission, t: Array, config: Config) -> History:
     blind, _, _ = split_fixes(mission, config.gnss)
     imu = blind.sensors["imu"]
-    strapdown, start = Strapdown(imu, blind.origin), inertial_start(blind, imu)
+    strapdown, start = Strapdown(imu, blind.origin), inertial_start(blind, imu, MotionSettings())
     aids, _ = aids_of(blind, strapdown, start, config)
     return InsRun(strapdown, start, aids, keep_all=False).run(t, no_progress)
 

@@ -62,12 +62,12 @@ def test_the_motion_jacobian_is_that_of_the_step(mission: Mission) -> None:
             moved.advance(moved.P_start)
         return moved.x
 
-    base = np.array([0.0, 0.0, 0.0, 0.02, 0.03, 0.05, 0.01])
-    A, exact = np.eye(7), vehicle(mission)
+    base = np.array([0.0, 0.0, 0.0, 0.02, 0.03, 0.05, 0.01, 0.04])
+    A, exact = np.eye(8), vehicle(mission)
     exact.correct(base)
     for _ in T[1:]:
         A = exact.advance(exact.P_start)[0] @ A
-    numeric = [(after(base + e) - after(base - e)) / 2e-5 for e in 1e-5 * np.eye(7)]
+    numeric = [(after(base + e) - after(base - e)) / 2e-5 for e in 1e-5 * np.eye(8)]
     np.testing.assert_allclose(A, np.array(numeric).T, atol=1e-6)
 
 
@@ -145,9 +145,26 @@ def test_augmentation_keeps_all_correlations(mission: Mission) -> None:
     angle = drawn[:, 2] + 0.4 + SIGMA_BEARING_RAD * rng.normal(size=n)
     placed = drawn[:, :2] + range_m[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
     sampled = np.cov(np.column_stack([drawn, placed]).T)
-    own = np.r_[0:3, 7:9]
+    own = np.r_[0:3, 8:10]
     np.testing.assert_allclose(filtered.P[np.ix_(own, own)], sampled, atol=3e-3)
     assert filtered.landmark_cov(0)[2, 2] == 0.0
+
+
+def test_the_scale_of_the_ranges_is_an_error_of_all_of_them(mission: Mission) -> None:
+    sensor = replace(mission.sensors["landmarks"], noise={"range_scale_sigma": 0.1})
+    filtered = LandmarkFilter(vehicle(mission), sensor, elevation=False)
+    n = filtered.vehicle.size
+    filtered.augment(Landmark(7), seen())
+    # a share by which the range is too long puts the landmark nearer by as much
+    away = filtered.p_n[0] - filtered.vehicle.body.p_n
+    np.testing.assert_allclose(filtered.P[n + 1 :, n], -(0.1**2) * away[:2], rtol=1e-6)
+    filtered.survey(8, np.array([3.0, 0.0, 0.0]), 1e-6)
+    filtered.range_scale = 0.2
+    _, H = filtered._predicted(np.array([[3.0, 0.4]]), np.array([1]))
+    before, _ = filtered._predicted(np.array([[3.0, 0.4]]), np.array([1]))
+    filtered.range_scale += 1e-6
+    after, _ = filtered._predicted(np.array([[3.0, 0.4]]), np.array([1]))
+    np.testing.assert_allclose((after - before) / 1e-6, H[:, n], atol=1e-6)
 
 
 def test_a_landmark_seen_again_at_once_changes_no_pose(mission: Mission) -> None:
@@ -159,7 +176,7 @@ def test_a_landmark_seen_again_at_once_changes_no_pose(mission: Mission) -> None
     np.testing.assert_allclose(state(filtered), before, atol=1e-12)
     # two equal looks from one place say nothing of that place, and halve the landmark's own error
     np.testing.assert_allclose(filtered.P[:3, :3], P[:3, :3], atol=1e-12)
-    assert np.trace(filtered.landmark_cov(0)) < np.trace(P[7:, 7:])
+    assert np.trace(filtered.landmark_cov(0)) < np.trace(P[8:, 8:])
 
 
 def test_the_update_is_the_least_squares_one(mission: Mission) -> None:
@@ -170,14 +187,14 @@ def test_the_update_is_the_least_squares_one(mission: Mission) -> None:
     measured, noise = z + np.array([0.03, -0.01]), np.diag([SIGMA_RANGE_M, SIGMA_BEARING_RAD]) ** 2
 
     def residual(x: Array) -> Array:
-        offset = x[7:9] - x[:2]
+        offset = x[8:10] - x[:2]
         angle = np.arctan2(offset[1], offset[0]) - x[2]
         return np.array([np.hypot(*offset), wrap_angle(angle)]) - measured
 
-    some = np.r_[0:3, 7:9]
+    some = np.r_[0:3, 8:10]
     x, information = before.copy(), np.linalg.inv(P[np.ix_(some, some)])
     for _ in range(20):
-        steps = 1e-6 * np.eye(9)
+        steps = 1e-6 * np.eye(10)
         H = np.array([(residual(x + e) - residual(x - e)) / 2e-6 for e in steps]).T[:, some]
         gradient = information @ (x - before)[some] + H.T @ np.linalg.solve(noise, residual(x))
         normal = information + H.T @ np.linalg.solve(noise, H)
@@ -206,7 +223,7 @@ def test_a_removed_landmark_leaves_the_rest_as_it_was(mission: Mission) -> None:
         filtered.augment(Landmark(k), seen(2.0 + k, 0.3 * k))
     x, P = state(filtered), filtered.P.copy()
     filtered.remove(1)
-    rest = np.r_[0:9, 11:13]
+    rest = np.r_[0:10, 12:14]
     np.testing.assert_array_equal(state(filtered), x[rest])
     np.testing.assert_array_equal(filtered.P, P[np.ix_(rest, rest)])
     assert [landmark.id for landmark in filtered.landmarks] == [0, 2]

@@ -16,8 +16,8 @@ from gtsam_nav.ekf.sighting_updates import GATED, REPEATED, TOO_NEAR, UNCONFIRME
 from gtsam_nav.errors import DataError, EstimationError
 from gtsam_nav.evaluation.metrics import evaluate
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import InitialState, Mission
-from gtsam_nav.series import LandmarkSeries
+from gtsam_nav.mission import InitialState, Mission, Sensor
+from gtsam_nav.series import HeadingSeries, LandmarkSeries, OdometrySeries
 from gtsam_nav.solution import Solution
 
 MAP, SLAM = (), ("landmarks.use_map=false",)
@@ -290,6 +290,53 @@ def test_mrclam_on_the_surveyed_map_and_without(recorded_data: Path) -> None:
         assert rmse_m(estimated(recorded, *MAP)) <= 1.1 * published
         learnt.append(rmse_m(estimated(recorded, *SLAM)))
     assert np.mean(learnt) <= 0.2
+
+
+def test_a_stated_error_of_the_ranges_scale_is_estimated() -> None:
+    """Ranges a twentieth too long, among surveyed landmarks and among learnt ones."""
+    long = rover(seed=3)
+    rows = seen(long)
+    rows[:, 2] *= 1.05
+    stretched = with_sightings(long, rows)
+    sensor = stretched.sensors["landmarks"]
+    stated = stretched.with_sensor(replace(sensor, noise={"range_scale_sigma": 0.05}))
+    assert rmse_m(estimated(stated, *MAP)) < 0.5 * rmse_m(estimated(stretched, *MAP))
+    nees = evaluate(estimated(stated, *MAP)).nees
+    assert nees is not None
+    assert nees.mean < 6.0
+    assert rmse_m(estimated(stated, *SLAM)) < 0.15
+
+
+def test_a_stated_misalignment_turns_the_way() -> None:
+    """Wheels that go 3 degrees to port of where they say, while a compass tells the course."""
+    t = np.arange(0.0, 100.0, 0.2)
+    n, askew = len(t), np.radians(3.0)
+    wheels = OdometrySeries(
+        t=t,
+        v_b=np.tile([1.0, 0.0], (n, 1)),
+        yaw_rate=np.zeros(n),
+        sigma_v=np.full(n, 0.02),
+        sigma_yaw_rate=np.full(n, 0.01),
+    )
+    compass = HeadingSeries(t=t, heading=np.zeros(n), sigma=np.full(n, 0.005))
+    ahead = np.array([[k, 0, 10.0 - k, 0.0] for k in (0.0, 0.5, 1.0, 1.5)])
+    quiet = {"bias_sigma_deg": 0.1, "disturbance_sigma_deg": 0.1}
+    sensors = {
+        "odometry": Sensor("odometry", "odometry", wheels, noise={"misalignment_sigma_deg": 3.0}),
+        "heading": Sensor("heading", "heading", compass, noise=quiet),
+        "landmarks": Sensor("landmarks", "landmarks", series(ahead)),
+    }
+    start = InitialState(p_n=np.zeros(3), heading=0.0, sigma_heading=np.radians(0.1))
+    track = estimated(Mission("askew", sensors, initial=start)).trajectory
+    error = track.p_n[-1, :2] - t[-1] * np.array([np.cos(askew), -np.sin(askew)])
+    assert track.cov_pose_n is not None
+    assert error @ np.linalg.solve(track.cov_pose_n[-1, :2, :2], error) < 6.0
+
+
+def test_a_second_sensor_of_landmarks_is_said_to_be_left_out(mission: Mission) -> None:
+    twin = replace(mission.sensors["landmarks"], name="aft")
+    said = estimated(mission.with_sensor(twin)).warnings
+    assert any("'aft' is left out" in warning for warning in said)
 
 
 def test_a_vehicle_beyond_the_earth_is_an_error() -> None:

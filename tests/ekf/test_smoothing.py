@@ -12,6 +12,7 @@ from gtsam_nav.config import load_config
 from gtsam_nav.ekf.inertial_start import FOUND_YAW_SIGMA_RAD, FoundYaw, inertial_start
 from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.mission import Mission
+from gtsam_nav.preprocess.settings import MotionSettings
 from gtsam_nav.series import GnssSeries, ReferenceSeries
 from gtsam_nav.simulation import simulate
 from gtsam_nav.solution import Solution
@@ -89,7 +90,7 @@ def test_a_yaw_that_motion_shows_is_known_as_well_as_is_said() -> None:
 def test_a_start_in_another_yaw_leaves_the_antenna_where_its_fix_was() -> None:
     mission = without_compass(5, 130.0)
     gnss = replace(mission.sensors["gnss"], xyz_b=np.array([3.0, 1.0, -2.0]))
-    start = inertial_start(mission.with_sensor(gnss), mission.sensors["imu"])
+    start = inertial_start(mission.with_sensor(gnss), mission.sensors["imu"], MotionSettings())
     bias_b = np.array([1e-3, 0.0, -2e-3])
     turned = start.with_yaw(FoundYaw(2.0, bias_b, 100.0))
     antenna_n, after_n = (s.state.p_n + s.state.body.R_nb @ gnss.xyz_b for s in (start, turned))

@@ -11,6 +11,8 @@ import gtsam_nav as gn
 from gtsam_nav.frames import Array, rotation_from_rpy
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import X
+from gtsam_nav.mission import InitialState, Mission, Sensor
+from gtsam_nav.series import GnssSeries, OdometrySeries
 from gtsam_nav.simulation import SimulationSettings
 
 SIGMA_M = 0.03
@@ -94,3 +96,47 @@ def test_fixes_too_close_to_show_a_yaw_do_not_swing_the_track() -> None:
     ate = gn.evaluate(solution).ate.se2
     assert ate is not None
     assert ate.mean < 3.0  # the gyro's bias is unknown: it turns by so much
+
+
+def wheeled(missing_deg_m: float, stated_deg_m: float) -> Mission:
+    """Straight ahead for 60 m by wheels that miss a turn."""
+    t = np.arange(0.0, 60.0, 0.1)
+    n = len(t)
+    wheels = OdometrySeries(
+        t=t,
+        v_b=np.tile([1.0, 0.0], (n, 1)),
+        yaw_rate=np.full(n, np.radians(1.0 - missing_deg_m)),
+        sigma_v=np.full(n, 0.02),
+        sigma_yaw_rate=np.full(n, 0.002),
+    )
+    noise = {"curvature_sigma_deg_m": stated_deg_m}
+    start = InitialState(p_n=np.zeros(3), sigma_p=0.1, heading=0.0, sigma_heading=0.01)
+    sensor = Sensor("odometry", "odometry", wheels, noise=noise)
+    return Mission("bent", {"odometry": sensor}, initial=start)
+
+
+@pytest.mark.parametrize("missing_deg_m", [-0.2, 0.2])
+def test_a_turn_that_wheels_miss_is_in_the_covariance(missing_deg_m: float) -> None:
+    """The vehicle turns by a degree a metre; the wheels say a fifth less, or more."""
+    track = gn.estimate(wheeled(missing_deg_m, 0.3), "graph").trajectory
+    turned = np.radians(track.t[-1])
+    truth = np.array([np.sin(turned), 1.0 - np.cos(turned)]) / np.radians(1.0)
+    error = track.p_n[-1, :2] - truth
+    assert track.cov_pose_n is not None
+    assert np.linalg.norm(error) > 2.0
+    assert error @ np.linalg.solve(track.cov_pose_n[-1, :2, :2], error) < 6.0
+    assert np.sqrt(track.cov_pose_n[-1, 5, 5]) == pytest.approx(np.radians(0.3 * 60.0), rel=0.1)
+
+
+def test_a_fix_shows_the_turn_that_wheels_miss() -> None:
+    mission = wheeled(0.2, 0.3)
+    t = np.array([20.0, 40.0, 59.0])
+    turned = np.radians(t)
+    p_n = np.column_stack([np.sin(turned), 1.0 - np.cos(turned), 0.0 * t]) / np.radians(1.0)
+    fixes = GnssSeries(t=t, p_n=p_n, sigma=np.full((3, 3), 0.05))
+    mission = mission.with_sensor(Sensor("gnss", "gnss", fixes))
+    found = gn.estimate(mission, "graph", gn.load_config(None, ["gnss.use=all"])).slow_states
+    assert found is not None
+    value, sigma = found.columns["odometry_curvature_rad_m"]
+    assert np.degrees(value[0]) == pytest.approx(0.2, abs=0.03)
+    assert np.degrees(sigma[0]) < 0.1

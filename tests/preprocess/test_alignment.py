@@ -13,6 +13,7 @@ from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, rotation_from_rpy
 from gtsam_nav.mission import InitialState, Mission, Sensor
 from gtsam_nav.preprocess.alignment import UNKNOWN_SIGMA_M, align, at_rest, level_at_rest
+from gtsam_nav.sensors.depth import DIVING_M_S
 from gtsam_nav.sensors.orientation import UNMEASURED_TILT_SIGMA_RAD
 from gtsam_nav.series import (
     AttitudeSeries,
@@ -184,6 +185,14 @@ def test_the_reference_is_never_read() -> None:
     assert seen.t == unseen.t
     np.testing.assert_array_equal(seen.p_n, unseen.p_n)
     np.testing.assert_array_equal(seen.rpy, unseen.rpy)
+
+
+def test_a_depth_gauge_that_wakes_late_tells_little_of_the_start() -> None:
+    late = sensors()
+    gauge = late["depth"]
+    late["depth"] = replace(gauge, series=gauge.series.crop(104.0, 110.0))
+    start = align(Mission("late", late))
+    assert start.sigma_p[2] == pytest.approx(DIVING_M_S * 4.0, rel=0.05)
 
 
 @pytest.mark.parametrize("rpy", [RPY, np.zeros(3), np.array([-0.4, 0.3, 2.0])])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -64,6 +66,29 @@ def test_a_window_is_half_open(window_s: tuple[float, float], first: float, last
 def test_a_window_without_fixes_uses_none() -> None:
     settings = GnssSettings(use="window", window_s=(2000.0, 3000.0))
     assert len(used(mission(receiver()), settings)) == 0
+
+
+def test_it_is_said_where_a_policy_leaves_no_fix() -> None:
+    """As the default window does of a mission that is cropped from beyond its end."""
+    late = mission(receiver(t=T[40:50]))
+    blind, _, n_withheld = split_fixes(late, GnssSettings())
+    assert n_withheld == 10
+    (said,) = blind.warnings
+    assert "gnss.use=window" in said
+    assert "[0.0, 300.0]" in said
+    assert "400.0 s to 490.0 s" in said
+    for wanted in ("all", "none", "every_k"):
+        assert split_fixes(late, GnssSettings.model_validate({"use": wanted}))[0].warnings == ()
+
+
+def test_velocities_that_are_not_to_be_used_are_not_seen() -> None:
+    gnss = receiver()
+    moving = replace(gnss, series=replace(gnss.series, v_n=np.ones((len(T), 3))))
+    for use_velocity in (True, False):
+        settings = GnssSettings(use="all", use_velocity=use_velocity)
+        series = split_fixes(mission(moving), settings)[0].sensors["gnss"].series
+        assert isinstance(series, GnssSeries)
+        assert (series.v_n is not None) == use_velocity
 
 
 def test_gaps_are_half_open_and_withheld() -> None:

@@ -13,7 +13,7 @@ from gtsam_nav.frames import wrap_angle
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.planar_motion import PlanarMotion, planar_motion
 from gtsam_nav.preprocess.settings import MotionSettings
-from gtsam_nav.series import BoolArray, DvlSeries, HeadingSeries, OdometrySeries
+from gtsam_nav.series import AttitudeSeries, BoolArray, DvlSeries, HeadingSeries, OdometrySeries
 
 SETTINGS = MotionSettings()
 MINUTE_S = np.arange(0.0, 60.0, 0.2)
@@ -70,6 +70,26 @@ def test_a_silence_costs_certainty() -> None:
     span = np.array([8.0, 12.0])
     bridged = motion_of(silent).increments(span).variance[0]
     assert np.all(bridged > 10 * motion_of(mission).increments(span).variance[0])
+
+
+def test_speeds_of_a_vehicle_that_leans_are_level() -> None:
+    """Bow up by half of a right angle, and upside down."""
+    n = len(MINUTE_S)
+    bottom = np.ones(n, dtype=bool)
+    mission = dived(bottom_lock=bottom, valid=bottom, sigma=0.01)
+    dvl = mission.sensors["dvl"]
+    assert isinstance(dvl.series, DvlSeries)
+    askew = replace(dvl, series=replace(dvl.series, v_d=np.tile([0.5, 0.1, 0.0], (n, 1))))
+    for roll, pitch, v_level in (
+        (0.0, np.pi / 4, [0.5 * np.sqrt(0.5), 0.1]),
+        (np.pi, 0.0, [0.5, -0.1]),
+    ):
+        tilt = AttitudeSeries(
+            t=MINUTE_S, roll=np.full(n, roll), pitch=np.full(n, pitch), sigma=np.full(n, 0.01)
+        )
+        leaning = mission.with_sensor(askew).with_sensor(Sensor("attitude", "attitude", tilt))
+        p, _, _ = motion_of(leaning).at(MINUTE_S[[-1]])
+        np.testing.assert_allclose(p[0], np.array(v_level) * MINUTE_S[-1], atol=1e-6)
 
 
 def dived(*, bottom_lock: BoolArray, valid: BoolArray, sigma: float) -> Mission:

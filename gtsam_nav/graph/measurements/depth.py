@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from gtsam_nav.config import Config
-from gtsam_nav.frames import Array, rotation_from_rpy
+from gtsam_nav.frames import Array, rotation_from_rpy, sag_m
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.problem import Problem
 from gtsam_nav.mission import Mission
+from gtsam_nav.sensors.depth import depths_at
 from gtsam_nav.sensors.silences import said_of_silences, speaks_at
 from gtsam_nav.series import BoolArray, DepthSeries, GnssSeries
 
@@ -24,12 +25,12 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
     sensor = mission.first("depth")
     if sensor is None:
         return
-    series = sensor.series
-    assert isinstance(series, DepthSeries)
-    depth_m, sigma = (np.interp(problem.t, series.t, of) for of in (series.depth_m, series.sigma))
+    depth_m, sigma = depths_at(sensor, problem.t)
+    # where the vehicle is, as near as its first guess knows, the water lies so deep
+    down_m = depth_m + sag_m(problem.p_n, problem.origin)
     for k in np.flatnonzero(speaks_at(sensor, mission, problem.t)).tolist():
-        factor = factors.depth(X(k), float(depth_m[k]), sensor.xyz_b, float(sigma[k]))
-        row = series.row_nearest(problem.t[k])
+        factor = factors.depth(X(k), float(down_m[k]), sensor.xyz_b, float(sigma[k]))
+        row = sensor.series.row_nearest(problem.t[k])
         problem.add_gated(k, sensor.name, row, factor, config.graph.robust.depth)
     problem.warnings += said_of_silences(sensor, mission, "the other sensors carry the depth")
 

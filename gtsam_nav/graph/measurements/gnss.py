@@ -39,8 +39,7 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
     processes = count()
     for receiver in mission.of_type("gnss"):
         _add_positions(problem, mission, receiver, processes, config)
-        if config.gnss.use_velocity:
-            _add_velocities(problem, mission, receiver, config)
+        _add_velocities(problem, mission, receiver, config)
 
 
 def _within(problem: Problem, gnss: Sensor, lag_s: float = 0.0) -> GnssSeries:

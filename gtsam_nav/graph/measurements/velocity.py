@@ -15,7 +15,11 @@ from gtsam_nav.preprocess.depth_by_ranges import DIVE_M_SQRT_S
 from gtsam_nav.preprocess.edge_motion import moves_by_edges
 from gtsam_nav.sensors.dvl import water_spells
 from gtsam_nav.sensors.noise import DvlNoise
-from gtsam_nav.sensors.odometry import velocity_calibration_sigma, velocity_sensor
+from gtsam_nav.sensors.odometry import (
+    curvature_sigma,
+    velocity_calibration_sigma,
+    velocity_sensor,
+)
 from gtsam_nav.series import BoolArray
 
 
@@ -36,6 +40,8 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
     turns = not problem.uses_imu and not problem.has_compass
     _add_increments(problem, config, turns, moved_m, by_edges)
     _add_currents(problem, within_s, current_sigma)
+    if turns and mission.first("imu") is None:
+        _add_curvature(problem, curvature_sigma(mission))
     if not problem.uses_imu:
         _add_velocities(problem, config)
 
@@ -70,6 +76,20 @@ def _add_currents(problem: Problem, within_s: Array, sigma: float) -> None:
                 effect.append((d.entry, derivative))
             label = f"current_{name}_{spell}_m_s"
             problem.constants.append(ConstantError(label, sigma, effect))
+
+
+def _add_curvature(problem: Problem, sigma: float) -> None:
+    """The turn that odometry does not notice, rad a metre ahead; half of it turns the way."""
+    if sigma == 0.0:
+        return
+    effect = []
+    for d in problem.displacements:
+        ahead_m = float(d.p_a[0])
+        derivative = np.zeros(9)
+        derivative[:3] = -ahead_m * d.R_ab.T[:, 2]
+        derivative[3:6] = -0.5 * ahead_m * d.R_ab.T @ [-d.p_a[1], d.p_a[0], 0.0]
+        effect.append((d.entry, derivative))
+    problem.constants.append(ConstantError("odometry_curvature_rad_m", sigma, effect))
 
 
 def _add_increments(
