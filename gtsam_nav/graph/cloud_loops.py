@@ -24,7 +24,7 @@ from gtsam_nav.graph.problem import Problem, SensorFactor
 from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.graph.settings import CloudLoopSettings
 from gtsam_nav.graph.settling import Settled, settle
-from gtsam_nav.odometry.kiss import CloudTrack, adjoint
+from gtsam_nav.odometry.cloud_track import CloudTrack, adjoint
 from gtsam_nav.registration import register
 from gtsam_nav.registration.open3d_global import global_start
 from gtsam_nav.registration.result import CloudMatch, RelativePose

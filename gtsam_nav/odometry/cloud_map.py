@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gtsam_nav.errors import PackageError
-from gtsam_nav.odometry.kiss import CloudTrack
+from gtsam_nav.odometry.cloud_track import CloudTrack
 from gtsam_nav.registration.packages import one_thread, open3d
 from gtsam_nav.solution import SonarMap
 from gtsam_nav.trajectory import Trajectory

@@ -11,7 +11,8 @@ from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, quaternion_from_rotation
 from gtsam_nav.mission import Mission
 from gtsam_nav.odometry.cloud_map import map_or_reason
-from gtsam_nav.odometry.kiss import CloudTrack, adjoint, cloud_odometry
+from gtsam_nav.odometry.cloud_track import CloudTrack, adjoint
+from gtsam_nav.odometry.kiss import cloud_odometry
 from gtsam_nav.preprocess.alignment import PUNCTUAL_S, UNKNOWN_SPEED_M_S, Alignment, align
 from gtsam_nav.sensors.noise import HeadingNoise
 from gtsam_nav.solution import Progress, Solution, StageClock

@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gtsam_nav.mission import InitialState, Mission, Sensor
+from gtsam_nav.odometry.cloud_track import CloudTrack, KeyCloud
 from gtsam_nav.odometry.dead_reckoning import placed, start_at, with_compass_errors
-from gtsam_nav.odometry.kiss import CloudTrack, KeyCloud
 from gtsam_nav.preprocess.alignment import Alignment
 from gtsam_nav.registration.result import RelativePose
 from gtsam_nav.series import DepthSeries, GnssSeries, HeadingSeries

@@ -7,7 +7,7 @@ import pytest
 
 from gtsam_nav.frames import quaternion_from_rpy
 from gtsam_nav.odometry.cloud_map import cloud_map
-from gtsam_nav.odometry.kiss import CloudTrack, KeyCloud
+from gtsam_nav.odometry.cloud_track import CloudTrack, KeyCloud
 from gtsam_nav.registration.result import RelativePose
 from gtsam_nav.trajectory import Trajectory
 
