@@ -191,6 +191,8 @@ def match_clouds(
     reference: Array, new: Array, prior: RelativePose, settings: Open3dSettings
 ) -> CloudMatch:
     """Register two submaps from the prior, or from anywhere where the prior is vague."""
+    if min(len(reference), len(new)) < settings.min_points:  # Open3D finds no features in none
+        return CloudMatch(prior, 0.0, f"fewer than {settings.min_points} points")
     sigma = np.sqrt(np.diag(prior.cov))
     start = prior
     far = 3 * sigma[3:].max() > ICP_REACH_VOXELS * settings.voxel_m

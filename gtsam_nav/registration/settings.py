@@ -76,7 +76,8 @@ class Open3dSettings(Settings):
     Attributes
     ----------
     voxel_m : float
-        Clouds are thinned to one point a cube of this side.
+        Clouds are thinned to one point a cube of this side, by `register` and in a map of them. The
+        loops of ``graph`` have half of ``kiss.voxel_m`` instead, as the odometry leaves its clouds.
     min_points : int
         Clouds of fewer points are not registered.
     min_fitness : float
