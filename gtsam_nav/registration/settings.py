@@ -52,7 +52,7 @@ class CorrelativeSettings(Settings):
     cell_m : float
         Of the grid on which poses are tried, and which blurs the reference.
     reach_m, reach_deg : float
-        No pose further off is tried, however vague the prior.
+        No pose further off along an axis or in yaw is tried, however vague the prior.
     min_score : float
         Least share of the new points that the reference must explain.
     max_rival : float
