@@ -16,7 +16,8 @@ import numpy as np
 
 from gtsam_nav.frames import Array, quaternion_from_rpy
 from gtsam_nav.mission import Mission
-from gtsam_nav.odometry.kiss import CloudTrack, cloud_odometry
+from gtsam_nav.odometry.cloud_track import CloudTrack
+from gtsam_nav.odometry.kiss import cloud_odometry
 from gtsam_nav.odometry.settings import KissSettings
 from gtsam_nav.series import ReferenceSeries
 from gtsam_nav.simulation import simulate

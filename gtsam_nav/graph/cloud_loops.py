@@ -24,7 +24,7 @@ from gtsam_nav.graph.problem import Problem, SensorFactor
 from gtsam_nav.graph.robust import Robustness
 from gtsam_nav.graph.settings import CloudLoopSettings
 from gtsam_nav.graph.settling import Settled, settle
-from gtsam_nav.odometry.kiss import CloudTrack, adjoint
+from gtsam_nav.odometry.cloud_track import CloudTrack, adjoint
 from gtsam_nav.registration import register
 from gtsam_nav.registration.open3d_global import global_start
 from gtsam_nav.registration.result import CloudMatch, RelativePose
@@ -191,6 +191,8 @@ def match_clouds(
     reference: Array, new: Array, prior: RelativePose, settings: Open3dSettings
 ) -> CloudMatch:
     """Register two submaps from the prior, or from anywhere where the prior is vague."""
+    if min(len(reference), len(new)) < settings.min_points:  # Open3D finds no features in none
+        return CloudMatch(prior, 0.0, f"fewer than {settings.min_points} points")
     sigma = np.sqrt(np.diag(prior.cov))
     start = prior
     far = 3 * sigma[3:].max() > ICP_REACH_VOXELS * settings.voxel_m

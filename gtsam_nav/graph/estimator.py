@@ -32,7 +32,8 @@ from gtsam_nav.graph.settling import Settled
 from gtsam_nav.graph.solved import EchoData, SolvedGraph, solution_of
 from gtsam_nav.graph.submap_loops import ScanLoops, close_submap_loops, with_matches
 from gtsam_nav.mission import Mission
-from gtsam_nav.odometry.kiss import CloudTrack, cloud_odometry
+from gtsam_nav.odometry.cloud_track import CloudTrack
+from gtsam_nav.odometry.kiss import cloud_odometry
 from gtsam_nav.preprocess.motion import VehicleMotion
 from gtsam_nav.series import IntArray
 from gtsam_nav.solution import Progress, Solution, StageClock

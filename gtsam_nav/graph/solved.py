@@ -44,7 +44,7 @@ from gtsam_nav.graph.settling import Settled
 from gtsam_nav.graph.weights import robust_weights, weighed, weightless
 from gtsam_nav.mission import Mission, Rejection
 from gtsam_nav.odometry.cloud_map import map_or_reason
-from gtsam_nav.odometry.kiss import CloudTrack
+from gtsam_nav.odometry.cloud_track import CloudTrack
 from gtsam_nav.series import IntArray
 from gtsam_nav.solution import ClockOffset, Solution, SonarMap
 from gtsam_nav.sonar.preparation import (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gtsam_nav.errors import PackageError
-from gtsam_nav.odometry.kiss import CloudTrack
+from gtsam_nav.odometry.cloud_track import CloudTrack
 from gtsam_nav.registration.packages import one_thread, open3d
 from gtsam_nav.solution import SonarMap
 from gtsam_nav.trajectory import Trajectory
@@ -15,8 +15,8 @@ NEIGHBOURS, OUTLIER_SIGMAS = 16, 2.0
 STRENGTH = 255.0
 
 
-def cloud_map(track: CloudTrack, trajectory: Trajectory, voxel_m: float) -> SonarMap:
-    """Map of the kept clouds.
+def cloud_map(track: CloudTrack, trajectory: Trajectory, voxel_m: float) -> SonarMap | None:
+    """Map of the kept clouds; None where the trajectory covers none of them.
 
     Parameters
     ----------
@@ -34,6 +34,8 @@ def cloud_map(track: CloudTrack, trajectory: Trajectory, voxel_m: float) -> Sona
     o3d = open3d("the map of clouds")
     t = np.array([cloud.t for cloud in track.key])
     covered = np.flatnonzero(trajectory.covers(t))
+    if not len(covered):
+        return None
     there = trajectory.interpolate(t[covered])
     placed = [
         track.key[j].points_b @ R_nb.T + p_n
@@ -57,6 +59,9 @@ def map_or_reason(
 ) -> tuple[SonarMap | None, tuple[str, ...]]:
     """`cloud_map`, or why there is none: a map is no reason to lose a trajectory."""
     try:
-        return cloud_map(track, trajectory, voxel_m), ()
+        points = cloud_map(track, trajectory, voxel_m)
     except PackageError as error:
         return None, (f"no map of the clouds: {error}",)
+    if points is None:
+        return None, ("no map of the clouds: the trajectory covers none of them",)
+    return points, ()

@@ -11,11 +11,15 @@ from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, quaternion_from_rotation
 from gtsam_nav.mission import Mission
 from gtsam_nav.odometry.cloud_map import map_or_reason
-from gtsam_nav.odometry.kiss import CloudTrack, adjoint, cloud_odometry
-from gtsam_nav.preprocess.alignment import Alignment, align
+from gtsam_nav.odometry.cloud_track import CloudTrack, adjoint
+from gtsam_nav.odometry.kiss import cloud_odometry
+from gtsam_nav.preprocess.alignment import PUNCTUAL_S, UNKNOWN_SPEED_M_S, Alignment, align
 from gtsam_nav.sensors.noise import HeadingNoise
 from gtsam_nav.solution import Progress, Solution, StageClock
 from gtsam_nav.trajectory import Trajectory, record_times
+
+UNKNOWN_TURN_RAD_S = 0.1
+"""How fast the vehicle may have turned before the first cloud."""
 
 
 def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
@@ -41,20 +45,59 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         track = cloud_odometry(mission, settings, progress)
     if track is None:
         raise DataError(f"mission '{mission.name}' has no 3-D clouds")
-    start = with_compass_errors(align(mission), mission)
+    start, start_warnings = start_at(mission, float(track.t[0]))
     trajectory = placed(track, start, config.motion.rate_hz)
-    points, warnings = map_or_reason(track, trajectory, config.open3d.voxel_m)
+    points, map_warnings = map_or_reason(track, trajectory, config.open3d.voxel_m)
     return Solution(
         method="kiss",
         trajectory=trajectory,
         mission=mission,
         georeferenced=start.georeferenced and start.heading_known,
         rejections=(*mission.rejections, *track.rejections),
-        warnings=(*mission.warnings, *track.warnings, *warnings),
+        warnings=(*mission.warnings, *start_warnings, *track.warnings, *map_warnings),
         sonar_map=points,
         n_keyframes=len(track.key),
         stage_s=clock.seconds,
     )
+
+
+def start_at(mission: Mission, t: float) -> tuple[Alignment, tuple[str, ...]]:
+    """Alignment at the first cloud, and what is said of it: other sensors may have begun long ago.
+
+    Position and heading are each what is measured from then on, or that of the mission's start,
+    less certain by the time since: whichever is more certain.
+    """
+    start = with_compass_errors(align(mission), mission)
+    if t - start.t <= PUNCTUAL_S:
+        return start, ()
+    later = mission.crop(t)
+    there, old = with_compass_errors(align(later), later), _carried(start, t)
+    taken = []
+    if old.georeferenced and not (there.georeferenced and there.sigma_p[0] <= old.sigma_p[0]):
+        of_start = [True, True, later.first("depth") is None]
+        p_n = np.where(of_start, old.p_n, there.p_n)
+        sigma_p = np.where(of_start, old.sigma_p, there.sigma_p)
+        there = replace(there, p_n=p_n, sigma_p=sigma_p, georeferenced=True)
+        taken.append("position")
+    if old.heading_known and not (there.heading_known and there.sigma_rpy[2] <= old.sigma_rpy[2]):
+        rpy = np.array([*there.rpy[:2], old.rpy[2]])
+        sigma_rpy = np.array([*there.sigma_rpy[:2], old.sigma_rpy[2]])
+        there = replace(there, rpy=rpy, sigma_rpy=sigma_rpy, heading_known=True)
+        taken.append("heading")
+    if not taken:
+        return there, ()
+    return there, (
+        f"the clouds begin {t - start.t:.0f} s after the other sensors, and nothing measures the"
+        f" {' and the '.join(taken)} so well there: taken from the start of the mission",
+    )
+
+
+def _carried(start: Alignment, t: float) -> Alignment:
+    """An earlier start at a later time: who knows how far the vehicle moved and turned since."""
+    sigma_p = np.hypot(start.sigma_p, UNKNOWN_SPEED_M_S * (t - start.t))
+    sigma_yaw = min(np.hypot(start.sigma_rpy[2], UNKNOWN_TURN_RAD_S * (t - start.t)), np.pi)
+    sigma_rpy = np.array([*start.sigma_rpy[:2], sigma_yaw])
+    return replace(start, t=t, sigma_p=sigma_p, sigma_rpy=sigma_rpy)
 
 
 def with_compass_errors(start: Alignment, mission: Mission) -> Alignment:

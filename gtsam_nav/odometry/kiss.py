@@ -7,106 +7,47 @@ point-to-point pairs hold a pose back, so it is then moved onto the planes of th
 (`registration.surfaces`), which also tell how well it is known. And in waves the velocity of the
 sweep before is the wrong one, so the sweep is deskewed once more with the motion just found.
 The first sweep knows of no motion: it is registered with the second until their motion is known.
+Clouds need not come at a constant rate: a motion is one over time, and what does not fit onto the
+map after a gap begins another.
 """
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterator
-from dataclasses import dataclass
-from itertools import islice
-from typing import Any
+from dataclasses import replace
+from itertools import chain, pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from gtsam_nav.errors import EstimationError
-from gtsam_nav.frames import Array, skew
-from gtsam_nav.mission import Mission, Rejection, Sensor
+from gtsam_nav.frames import Array
+from gtsam_nav.mission import Mission, Rejection
+from gtsam_nav.odometry.cloud_track import CloudTrack, KeyCloud
 from gtsam_nav.odometry.settings import KissSettings
-from gtsam_nav.readers.clouds import load
+from gtsam_nav.odometry.steady_motion import AT_REST, SteadyMotion
+from gtsam_nav.odometry.sweeps import Sweep, usable_sweeps
 from gtsam_nav.registration.open3d_icp import homogeneous
 from gtsam_nav.registration.packages import kiss_icp
 from gtsam_nav.registration.result import RelativePose
-from gtsam_nav.registration.surfaces import Surfaces, match_covariance
-from gtsam_nav.series import Cloud, CloudSeries
+from gtsam_nav.registration.surfaces import Alignment, Surfaces, match_covariance
 from gtsam_nav.solution import Progress
-
-log = logging.getLogger(__name__)
 
 MAX_ITERATIONS, CONVERGED = 20, 1e-3
 """Of the point-to-point registration, which need not settle; the latter in m and rad."""
 LEAST_POINTS = 50
+"""Of a cloud as it is registered: in range, one a voxel."""
+GAP_INTERVALS = 3.0
+"""Clouds so many times further apart than the two before have a gap between them."""
+WIDEST_SPREAD_M = 4.0
+"""How far a pose may lie off the expected one, one standard deviation, however long ago it was."""
+LEAST_FITNESS, SURE_FITNESS = 0.5, 0.8
+"""A match of a smaller share of the points is false; after a gap it may be."""
 FIRST_ROUNDS = 3
 """Registrations of the first two clouds from which the odometry sets out."""
-SUBMAP_REACH = 2
-"""Kept clouds on either side of one that make a submap with it."""
+UNSTEADY = np.array([0.05] * 3 + [0.5] * 3)
+"""How fast the rates of a motion may change: rad/s^2 and m/s^2."""
 UNKNOWN_SIGMA = np.array([0.1] * 3 + [1.0] * 3)
 """Of a pose whose points met no plane: rad and m."""
-
-
-@dataclass(frozen=True)
-class KeyCloud:
-    """A cloud that the odometry placed, and that it keeps.
-
-    Attributes
-    ----------
-    t : float
-        When its last point was taken, s: the time of its pose.
-    pose : RelativePose
-        Of the body in the odometry's frame, the covariance being that of its match to the map.
-    points_b : ndarray, shape (k, 3)
-        Deskewed and thinned, in body axes at that time, m.
-    index : int
-        Of the cloud in its series.
-    """
-
-    t: float
-    pose: RelativePose
-    points_b: Array
-    index: int
-
-
-@dataclass(frozen=True)
-class CloudTrack:
-    """The odometry of a mission.
-
-    Attributes
-    ----------
-    sensor : str
-    t, R_ob, p_o : ndarray, shapes (n,), (n, 3, 3) and (n, 3)
-        Poses of the body in the odometry's frame, one a cloud.
-    key : list of KeyCloud
-    rejections : tuple of Rejection
-        Clouds that were too small.
-    warnings : tuple of str
-        What else there is to say of the clouds.
-    """
-
-    sensor: str
-    t: Array
-    R_ob: Array
-    p_o: Array
-    key: list[KeyCloud]
-    rejections: tuple[Rejection, ...]
-    warnings: tuple[str, ...] = ()
-
-    def increment(self, i: int, j: int) -> RelativePose:
-        """Pose of kept cloud j in kept cloud i.
-
-        Both are placed in a map that changes little in between: each has its own error.
-        """
-        a, b = self.key[i].pose, self.key[j].pose
-        R_ab, p_a = a.R_ab.T @ b.R_ab, a.R_ab.T @ (b.p_a - a.p_a)
-        from_a = adjoint(R_ab.T, -R_ab.T @ p_a)
-        return RelativePose(R_ab, p_a, from_a @ a.cov @ from_a.T + b.cov)
-
-    def submap(self, j: int) -> Array:
-        """Points of kept cloud j and its neighbours, as the odometry has them, around j; (k, 3)."""
-        here = self.key[j].pose
-        around = self.key[max(j - SUBMAP_REACH, 0) : j + SUBMAP_REACH + 1]
-        placed = [cloud.points_b @ cloud.pose.R_ab.T + cloud.pose.p_a for cloud in around]
-        return np.asarray((np.concatenate(placed) - here.p_a) @ here.R_ab)
 
 
 class KissOdometry:
@@ -115,6 +56,11 @@ class KissOdometry:
     Parameters
     ----------
     settings : KissSettings
+
+    Attributes
+    ----------
+    map : int
+        Number of the local map, from zero: what cannot be matched after a gap begins another.
     """
 
     def __init__(self, settings: KissSettings) -> None:
@@ -125,24 +71,27 @@ class KissOdometry:
         config.registration.max_num_iterations = MAX_ITERATIONS
         config.registration.convergence_criterion = CONVERGED
         config.registration.max_num_threads = 1  # sums are then the same every time
-        self.settings = settings
+        self.map = 0
+        self._voxel_m = settings.voxel_m
         floor = np.r_[[np.radians(settings.floor_deg)] * 3, [settings.floor_m] * 3]
         self._floor = np.diag(floor**2)
         self._kiss = kiss_icp(purpose, "kiss_icp").KissICP(config)
+        self._motion = AT_REST
+        self._t, self._T_ob = -np.inf, np.eye(4)
 
-    def expect(self, motion: Array) -> None:
-        """Say how the vehicle moves from one cloud to the next, shape (4, 4), before the first."""
-        self._kiss.last_delta = motion
+    def has_enough(self, points_b: Array) -> bool:
+        """Whether a cloud (k, 3) keeps enough points, in range and one a voxel, to be placed."""
+        coarse, _ = self._deskewed(Sweep(0.0, points_b), AT_REST)
+        return len(coarse) >= LEAST_POINTS
 
-    def place(self, points_b: Array, offset_s: ArrayLike | None) -> tuple[RelativePose, Array]:
-        """Place the next cloud.
+    def place(self, sweep: Sweep, following: Sweep | None) -> tuple[RelativePose, Array]:
+        """Place the next cloud, which `has_enough`.
 
         Parameters
         ----------
-        points_b : ndarray, shape (k, 3)
-            In body axes at their own times, m.
-        offset_s : ndarray, shape (k,), or None
-            Their times; None, or all the same, is a cloud that needs no deskewing.
+        sweep : Sweep
+        following : Sweep or None
+            The one that will be placed next: it tells how the vehicle moves as a map begins.
 
         Returns
         -------
@@ -151,52 +100,91 @@ class KissOdometry:
             that of the cloud in its local map.
         ndarray, shape (m, 3)
             The cloud, deskewed and thinned.
-
-        Raises
-        ------
-        ValueError
-            Where a point or a time is not finite.
         """
-        kiss, voxel_m = self._kiss, self.settings.voxel_m
-        offsets = np.empty(0) if offset_s is None else np.asarray(offset_s, dtype=float)
-        if not (np.all(np.isfinite(points_b)) and np.all(np.isfinite(offsets))):
-            raise ValueError("a point or its time is not finite: KISS-ICP would end the process")
-        if _is_one_time(offsets):  # KISS-ICP divides by their span
-            offsets = np.empty(0)
-        coarse, thinned = self._deskewed(points_b, offsets, kiss.last_delta)
-        local_map = np.asarray(kiss.local_map.point_cloud())
-        if len(local_map) < LEAST_POINTS:  # the first cloud defines the frame
-            kiss.local_map.update(thinned, kiss.last_pose)
-            return RelativePose(np.eye(3), np.zeros(3), self._floor), thinned
-        expected = kiss.last_pose @ kiss.last_delta
-        spread = kiss.adaptive_threshold.get_threshold()
+        if self._t == -np.inf:
+            return self._begin(sweep, following, self._T_ob)
+        since_s = sweep.t - self._t
+        is_gap = since_s > GAP_INTERVALS * self._motion.span_s
+        expected = self._T_ob @ self._motion.over(since_s)
+        T_ob, thinned, found = self._match(sweep, expected)
+        if found.fitness < (SURE_FITNESS if is_gap else LEAST_FITNESS):
+            self._motion = replace(self._motion, span_s=since_s)  # they may go on at this pace
+            self.map += 1
+            return self._begin(sweep, following, expected)
+        if not is_gap:
+            deviation = np.linalg.inv(expected) @ T_ob
+            self._kiss.adaptive_threshold.update_model_deviation(deviation)
+        self._motion = SteadyMotion.through(np.linalg.inv(self._T_ob) @ T_ob, since_s)
+        self._t, self._T_ob = sweep.t, T_ob
+        self._kiss.local_map.update(thinned, T_ob)
+        cov = match_covariance(found, self._voxel_m)
+        cov = np.diag(UNKNOWN_SIGMA**2) if cov is None else cov + self._floor
+        cov = cov + _bend(sweep, since_s)
+        return RelativePose(T_ob[:3, :3], T_ob[:3, 3], cov), thinned
+
+    def _begin(
+        self, sweep: Sweep, following: Sweep | None, T_ob: Array
+    ) -> tuple[RelativePose, Array]:
+        """Make a map of one cloud, which defines its frame: a vehicle need not begin at rest.
+
+        It cannot be deskewed before the motion to the one that follows is known, and bends what is
+        found of it: the pair is registered again with each motion found.
+        """
+        self._t, self._T_ob = sweep.t, T_ob
+        thinned = self._lay(sweep)
+        longest_s = GAP_INTERVALS * self._motion.span_s
+        if following is not None and following.t - sweep.t <= longest_s:
+            for _ in range(FIRST_ROUNDS):
+                to_next_s = following.t - sweep.t
+                there, _, _ = self._match(following, T_ob @ self._motion.over(to_next_s))
+                self._motion = SteadyMotion.through(np.linalg.inv(T_ob) @ there, to_next_s)
+                thinned = self._lay(sweep)
+        return RelativePose(T_ob[:3, :3], T_ob[:3, 3], self._floor), thinned
+
+    def _lay(self, sweep: Sweep) -> Array:
+        """Make the map of one cloud alone, which it returns as it lies there."""
+        _, thinned = self._deskewed(sweep, self._motion)
+        self._kiss.local_map.clear()
+        self._kiss.local_map.update(thinned, self._T_ob)
+        return thinned
+
+    def _match(self, sweep: Sweep, expected: Array) -> tuple[Array, Array, Alignment]:
+        """Register a cloud to the map: its pose, its points for the map, how they lie on it."""
+        kiss, since_s = self._kiss, sweep.t - self._t
+        planes = Surfaces(np.asarray(kiss.local_map.point_cloud()))
+        coarse, thinned = self._deskewed(sweep, self._motion)
+        # the longer ago, the less is known of where it is now
+        longer = max(since_s / self._motion.span_s, 1.0)
+        spread = min(kiss.adaptive_threshold.get_threshold() * longer, WIDEST_SPREAD_M)
         T_ob = kiss.registration.align_points_to_map(
             coarse, kiss.local_map, expected, 3 * spread, spread
         )
-        planes = Surfaces(local_map)
-        R_ob, p_o, found = planes.refine(coarse, T_ob[:3, :3], T_ob[:3, 3], voxel_m)
-        if len(offsets):
-            moved = np.linalg.inv(kiss.last_pose) @ homogeneous(R_ob, p_o)
-            coarse, thinned = self._deskewed(points_b, offsets, moved)
-            R_ob, p_o, found = planes.refine(coarse, R_ob, p_o, voxel_m)
-        T_ob = homogeneous(R_ob, p_o)
-        kiss.adaptive_threshold.update_model_deviation(np.linalg.inv(expected) @ T_ob)
-        kiss.local_map.update(thinned, T_ob)
-        kiss.last_delta, kiss.last_pose = np.linalg.inv(kiss.last_pose) @ T_ob, T_ob
-        cov = match_covariance(found, voxel_m)
-        cov = np.diag(UNKNOWN_SIGMA**2) if cov is None else cov + self._floor
-        return RelativePose(R_ob, p_o, cov), thinned
+        R_ob, p_o, found = planes.refine(coarse, T_ob[:3, :3], T_ob[:3, 3], self._voxel_m)
+        if sweep.span_s:
+            moved = np.linalg.inv(self._T_ob) @ homogeneous(R_ob, p_o)
+            coarse, thinned = self._deskewed(sweep, SteadyMotion.through(moved, since_s))
+            R_ob, p_o, found = planes.refine(coarse, R_ob, p_o, self._voxel_m)
+        return homogeneous(R_ob, p_o), thinned, found
 
-    def _deskewed(self, points_b: Array, offset_s: Array, motion: Array) -> tuple[Array, Array]:
-        """Points to register, and those for the map, as if all were taken at the last one's time.
-
-        ``motion``, shape (4, 4), is that since the cloud before.
-        """
-        points = np.asarray(points_b, dtype=float)
-        coarse, thinned = self._kiss.voxelize(
-            self._kiss.preprocessor.preprocess(points, offset_s, motion)
+    def _deskewed(self, sweep: Sweep, motion: SteadyMotion) -> tuple[Array, Array]:
+        """Points to register, and those for the map, as if all taken at the last one's time."""
+        # KISS-ICP divides by their span
+        offset_s = sweep.offset_s if sweep.offset_s is not None and sweep.span_s else np.empty(0)
+        points = self._kiss.preprocessor.preprocess(
+            sweep.points_b, offset_s, motion.over(sweep.span_s)
         )
+        coarse, thinned = self._kiss.voxelize(points)
         return np.asarray(coarse), np.asarray(thinned)
+
+
+def _bend(sweep: Sweep, since_s: float) -> Array:
+    """Covariance (6, 6) of a pose for the bend that its sweep keeps: the rates are not its own.
+
+    They are the mean ones since the last sweep, half a pause earlier, and carry its points over
+    half a sweep on average.
+    """
+    pause_s = max(since_s - sweep.span_s, 0.0)
+    return np.diag((UNSTEADY * pause_s / 2 * sweep.span_s / 2) ** 2)
 
 
 def cloud_odometry(
@@ -214,26 +202,25 @@ def cloud_odometry(
     sensor = mission.first("clouds")
     if sensor is None or not settings.use:
         return None
-    series = sensor.series
-    assert isinstance(series, CloudSeries)
     odometry = KissOdometry(settings)
-    odometry.expect(_first_motion(sensor, settings))
     t: list[float] = []
     poses: list[RelativePose] = []
     key: list[KeyCloud] = []
     rejections: list[Rejection] = []
     n_timeless = 0
-    for k, taken, cloud in _usable(sensor, rejections):
-        n_timeless += cloud.offset_s is not None and _is_one_time(cloud.offset_s)
-        keep = not key or taken - key[-1].t >= settings.keyframe_interval_s
-        pose, thinned = odometry.place(_in_body(cloud, sensor), cloud.offset_s)
-        t.append(taken)
+    sweeps = usable_sweeps(sensor, odometry.has_enough, rejections)
+    for sweep, following in pairwise(chain(sweeps, [None])):
+        assert sweep is not None
+        n_timeless += sweep.offset_s is not None and not sweep.span_s
+        pose, thinned = odometry.place(sweep, following)
+        t.append(sweep.t)
         poses.append(pose)
-        if keep:
-            key.append(KeyCloud(taken, pose, thinned, k))
-        progress("cloud odometry", (k + 1) / len(series))
+        if not key or sweep.t - key[-1].t >= settings.keyframe_interval_s:
+            key.append(KeyCloud(sweep.t, pose, thinned, sweep.index, odometry.map))
+        progress("cloud odometry", (sweep.index + 1) / len(sensor.series))
     if len(key) < 2:
-        raise EstimationError(f"sensor '{sensor.name}': fewer than two clouds hold points")
+        why = f": {rejections[0].reason}" if rejections else ""
+        raise EstimationError(f"sensor '{sensor.name}': fewer than two clouds can be used{why}")
     return CloudTrack(
         sensor=sensor.name,
         t=np.array(t),
@@ -241,12 +228,12 @@ def cloud_odometry(
         p_o=np.array([pose.p_a for pose in poses]),
         key=key,
         rejections=tuple(rejections),
-        warnings=_on_times(sensor.name, n_timeless),
+        warnings=(
+            *_on_twins(mission),
+            *_on_times(sensor.name, n_timeless),
+            *_on_gaps(sensor.name, odometry.map),
+        ),
     )
-
-
-def _is_one_time(offset_s: NDArray[np.floating[Any]]) -> bool:
-    return bool(len(offset_s)) and float(np.max(offset_s)) <= float(np.min(offset_s))
 
 
 def _on_times(sensor_name: str, n_timeless: int) -> tuple[str, ...]:
@@ -259,51 +246,19 @@ def _on_times(sensor_name: str, n_timeless: int) -> tuple[str, ...]:
     )
 
 
-def _usable(sensor: Sensor, rejections: list[Rejection]) -> Iterator[tuple[int, float, Cloud]]:
-    """Index, time of the last point and points of each cloud that is used; why others are not."""
-    series = sensor.series
-    assert isinstance(series, CloudSeries)
-    last = -np.inf
-    for k, source in enumerate(series.clouds):
-        cloud = load(source)
-        if len(cloud) < LEAST_POINTS:
-            reason, taken = f"a cloud of fewer than {LEAST_POINTS} points", float(series.t[k])
-        else:
-            reason, taken = "", float(series.t[k]) + _last_offset(cloud)
-            if taken <= last:
-                reason = "a cloud that ends before the one before it"
-        if reason:
-            rejections.append(Rejection(taken, sensor.name, int(series.row[k]), reason))
-            continue
-        last = taken
-        yield k, taken, cloud
+def _on_gaps(sensor_name: str, n_gaps: int) -> tuple[str, ...]:
+    if not n_gaps:
+        return ()
+    return (
+        f"sensor '{sensor_name}': {n_gaps} clouds after gaps do not fit onto those before: the"
+        " motion over these gaps is a guess",
+    )
 
 
-def _first_motion(sensor: Sensor, settings: KissSettings) -> Array:
-    """From the first cloud to the second, shape (4, 4): a vehicle need not begin at rest.
-
-    The first cloud is not deskewed before the motion is known, and bends what is found of it: the
-    pair is registered again with each motion found.
-    """
-    motion = np.eye(4)
-    pair = [cloud for _, _, cloud in islice(_usable(sensor, []), 2)]
-    for _ in range(FIRST_ROUNDS):
-        odometry = KissOdometry(settings)
-        odometry.expect(motion)
-        for cloud in pair:
-            pose, _ = odometry.place(_in_body(cloud, sensor), cloud.offset_s)
-            motion = homogeneous(pose.R_ab, pose.p_a)
-    return motion
-
-
-def _last_offset(cloud: Cloud) -> float:
-    return 0.0 if cloud.offset_s is None else float(np.max(cloud.offset_s))
-
-
-def _in_body(cloud: Cloud, sensor: Sensor) -> Array:
-    return np.asarray(cloud.points_s.astype(float) @ sensor.R_bs.T + sensor.xyz_b)
-
-
-def adjoint(R_ab: Array, p_a: Array) -> Array:
-    """Maps a small turn and shift along the axes of b to those along the axes of a, (6, 6)."""
-    return np.block([[R_ab, np.zeros((3, 3))], [skew(p_a) @ R_ab, R_ab]])
+def _on_twins(mission: Mission) -> Iterator[str]:
+    first, *others = mission.of_type("clouds")
+    for sensor in others:
+        yield (
+            f"'{sensor.name}' is left out: of several sensors of type clouds one is taken,"
+            f" '{first.name}'"
+        )

@@ -64,10 +64,8 @@ def search(
     cell_m = settings.cell_m
     step_rad = cell_m / max(float(np.sqrt(np.mean(np.sum(new**2, axis=1)))), cell_m)
     cov = cov_prior + np.diag([cell_m, cell_m, step_rad]) ** 2
-    reach = np.sqrt(GATE * np.diag(cov))
-    # a vague prior is searched as far as settings allow, about its most likely poses
-    beyond = max(*(reach[:2] / settings.reach_m), reach[2] / np.radians(settings.reach_deg), 1.0)
-    cov, reach = cov / beyond**2, reach / beyond
+    farthest = np.array([settings.reach_m, settings.reach_m, np.radians(settings.reach_deg)])
+    reach = np.minimum(np.sqrt(GATE * np.diag(cov)), farthest)
     field, corner = _field(reference, cell_m)
     turns = np.arange(-int(reach[2] / step_rad), int(reach[2] / step_rad) + 1) * step_rad
     blocks = int(np.ceil(max(reach[:2]) / cell_m / BLOCK))
@@ -128,5 +126,6 @@ def _rival(volume: Array, best: IntArray, settings: CorrelativeSettings, step_ra
     """Best score of the poses that are clearly others."""
     k, i, j = np.ogrid[tuple(slice(n) for n in volume.shape)]
     away = np.hypot(i - best[1], j - best[2]) * settings.cell_m > settings.rival_m
-    away = away | (np.abs(k - best[0]) * step_rad > np.radians(settings.rival_deg))
+    turned = np.abs(wrap_angle((k - best[0]) * step_rad))
+    away = away | (turned > np.radians(settings.rival_deg))
     return float(np.nanmax(np.where(away, volume, np.nan), initial=0.0))

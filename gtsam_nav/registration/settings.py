@@ -52,7 +52,7 @@ class CorrelativeSettings(Settings):
     cell_m : float
         Of the grid on which poses are tried, and which blurs the reference.
     reach_m, reach_deg : float
-        No pose further off is tried, however vague the prior.
+        No pose further off along an axis or in yaw is tried, however vague the prior.
     min_score : float
         Least share of the new points that the reference must explain.
     max_rival : float
@@ -76,7 +76,8 @@ class Open3dSettings(Settings):
     Attributes
     ----------
     voxel_m : float
-        Clouds are thinned to one point a cube of this side.
+        Clouds are thinned to one point a cube of this side, by `register` and in a map of them. The
+        loops of ``graph`` have half of ``kiss.voxel_m`` instead, as the odometry leaves its clouds.
     min_points : int
         Clouds of fewer points are not registered.
     min_fitness : float

@@ -12,9 +12,10 @@ from scipy.spatial.transform import Rotation
 from gtsam_nav.frames import Array
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.backend import Covariances
-from gtsam_nav.graph.cloud_loops import contradiction, relative_prior
+from gtsam_nav.graph.cloud_loops import contradiction, match_clouds, relative_prior
 from gtsam_nav.graph.factors import X
 from gtsam_nav.registration.result import CloudMatch, RelativePose
+from gtsam_nav.registration.settings import Open3dSettings
 
 
 def random_pose(rng: np.random.Generator) -> RelativePose:
@@ -94,3 +95,14 @@ def test_a_match_far_from_the_estimate_is_no_loop(sigmas: float, believed: bool)
     reason = contradiction(prior, match, 0.999)
     assert (reason == "") == believed
     assert believed or "contradicts the estimate" in reason
+
+
+@pytest.mark.parametrize("sigma_m", [0.01, 5.0])
+def test_clouds_of_hardly_a_point_are_no_loop(sigma_m: float) -> None:
+    many = np.random.default_rng(0).uniform(-10.0, 10.0, size=(2000, 3))
+    cov = np.diag([0.1 * sigma_m] * 3 + [sigma_m] * 3) ** 2
+    prior = RelativePose(np.eye(3), np.zeros(3), cov)
+    for few in (many[:0], many[:3]):
+        for pair in ((many, few), (few, many)):
+            match = match_clouds(*pair, prior, Open3dSettings())
+            assert match.failure == "fewer than 100 points"

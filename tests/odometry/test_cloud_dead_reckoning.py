@@ -7,11 +7,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gtsam_nav.mission import InitialState, Mission, Sensor
-from gtsam_nav.odometry.dead_reckoning import placed, with_compass_errors
-from gtsam_nav.odometry.kiss import CloudTrack, KeyCloud
+from gtsam_nav.odometry.cloud_track import CloudTrack, KeyCloud
+from gtsam_nav.odometry.dead_reckoning import placed, start_at, with_compass_errors
 from gtsam_nav.preprocess.alignment import Alignment
 from gtsam_nav.registration.result import RelativePose
-from gtsam_nav.series import HeadingSeries
+from gtsam_nav.series import DepthSeries, GnssSeries, HeadingSeries
 
 STEP_COV = np.diag([1e-6] * 3 + [1e-4] * 3)
 START = Alignment(
@@ -67,3 +67,45 @@ def test_a_start_by_the_compass_is_as_wrong_as_the_compass() -> None:
     stated = Mission("stated", compass, initial=InitialState(heading=0.5, sigma_heading=0.01))
     assert with_compass_errors(START, stated) is START
     assert with_compass_errors(START, Mission("none", {})) is START
+
+
+def underway(initial: InitialState | None = None) -> Mission:
+    """Twenty metres north a second, turning: fixes, a compass and a depth sensor."""
+    t = np.arange(0.0, 60.0)
+    columns = {"t": t, "sigma": np.full(60, 0.02)}
+    series = {
+        "gnss": GnssSeries(t=t, p_n=t[:, None] * [20.0, 0.0, 0.0], sigma=np.full((60, 3), 0.5)),
+        "heading": HeadingSeries(**columns, heading=0.01 * t),
+        "depth": DepthSeries(**columns, depth_m=0.1 * t),
+    }
+    sensors = {name: Sensor(name, name, one) for name, one in series.items()}
+    return Mission("under way", sensors, initial=initial or InitialState())
+
+
+def test_it_starts_where_the_vehicle_is_at_the_first_cloud() -> None:
+    start, warnings = start_at(underway(), 30.0)
+    np.testing.assert_allclose(start.p_n, [600.0, 0.0, 3.0], atol=1e-9)
+    np.testing.assert_array_equal(start.sigma_p, [0.5, 0.5, 0.02])
+    assert start.rpy[2] == pytest.approx(0.3)
+    assert warnings == ()
+
+
+def test_a_start_that_nothing_tells_later_is_carried_and_said() -> None:
+    stated = InitialState(np.zeros(3), 0.5, 0.2, 0.03)
+    start, warnings = start_at(underway(stated).without("gnss", "heading"), 30.0)
+    assert start.georeferenced
+    assert start.heading_known
+    np.testing.assert_allclose(start.p_n, [0.0, 0.0, 3.0], atol=1e-9)
+    np.testing.assert_allclose(start.sigma_p, [np.hypot(0.5, 30.0)] * 2 + [0.02])
+    assert start.rpy[2] == 0.2
+    assert start.sigma_rpy[2] > 3.0
+    assert "begin 30 s after the other sensors" in warnings[0]
+    assert "the position and the heading" in warnings[0]
+
+
+def test_clouds_from_the_beginning_take_the_stated_start() -> None:
+    stated = InitialState(np.ones(3), 0.1, 0.2, 0.03)
+    start, warnings = start_at(underway(stated), 0.2)
+    np.testing.assert_array_equal(start.p_n[:2], [1.0, 1.0])
+    assert start.rpy[2] == 0.2
+    assert warnings == ()

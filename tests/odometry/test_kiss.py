@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +13,9 @@ from scipy.stats import chi2
 from gtsam_nav.errors import EstimationError
 from gtsam_nav.frames import quaternion_from_rpy
 from gtsam_nav.mission import Mission, Sensor
-from gtsam_nav.odometry.kiss import CloudTrack, KissOdometry, adjoint, cloud_odometry
+from gtsam_nav.odometry import kiss
+from gtsam_nav.odometry.cloud_track import CloudTrack
+from gtsam_nav.odometry.kiss import cloud_odometry
 from gtsam_nav.odometry.settings import KissSettings
 from gtsam_nav.series import Cloud, CloudSeries, ReferenceSeries
 from gtsam_nav.simulation import SimulationSettings, make_scenario, simulate
@@ -125,14 +128,6 @@ def test_points_of_one_time_are_a_cloud_without_times_and_said(mission: Mission)
     assert "in 6 clouds" in found.warnings[0]
 
 
-@pytest.mark.parametrize("spoilt", ["points", "times"])
-def test_what_is_not_finite_never_reaches_kiss(spoilt: str) -> None:
-    points, times = np.ones((100, 3)), np.linspace(0.0, 0.1, 100)
-    (points if spoilt == "points" else times)[7] = np.nan
-    with pytest.raises(ValueError, match="not finite"):
-        KissOdometry(KissSettings()).place(points, times)
-
-
 @pytest.mark.slow
 def test_the_same_clouds_give_the_same_track(track: CloudTrack, mission: Mission) -> None:
     _, series = clouds_of(mission)
@@ -152,31 +147,97 @@ def test_small_clouds_are_left_out_and_said(mission: Mission) -> None:
     assert found is not None
     assert len(found.t) == 6
     assert [(r.sensor, r.index) for r in found.rejections] == [("lidar", 3)]
-    assert "fewer than 50 points" in found.rejections[0].reason
+    assert "too few points" in found.rejections[0].reason
+
+
+@pytest.mark.slow
+def test_clouds_out_of_range_are_left_out_and_said(mission: Mission) -> None:
+    """They say nothing of the motion: the vehicle moves all the same."""
+    _, series = clouds_of(mission)
+    clouds = [c for c in series.clouds if isinstance(c, Cloud)]
+    far = [Cloud(200.0 + c.points_s, c.offset_s) for c in clouds[:4]]
+    clouds[:2], clouds[6:8] = far[:2], far[2:]
+    found = cloud_odometry(with_clouds(mission, tuple(clouds)), KissSettings(), no_progress)
+    assert found is not None
+    assert [r.index for r in found.rejections] == [0, 1, 6, 7]
+    assert "too few points in range" in found.rejections[0].reason
+    assert len(found.t) == len(clouds) - 4
+    assert nees_of(found, mission).max() < chi2.ppf(0.9999, 6)
+
+
+@pytest.mark.slow
+def test_sweeps_with_a_pause_between_them_are_deskewed_by_their_own_span() -> None:
+    outing = harbour(10.0).crop(2.0)
+    sensor, series = clouds_of(outing)
+    some = outing.with_sensor(replace(sensor, series=series.select(slice(None, None, 5))))
+    found = cloud_odometry(some, KissSettings(), no_progress)
+    assert found is not None
+    assert np.diff(found.t).min() > 0.9
+    truth = truth_of(outing).interpolate(found.t)
+    steps, true = (np.linalg.norm(np.diff(p, axis=0), axis=1) for p in (found.p_o, truth.p_n))
+    assert np.abs(steps - true).max() < 0.05
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("gap_s", [1.6, 8.0])
+def test_a_gap_is_bridged_or_known_for_a_guess(gap_s: float) -> None:
+    outing = harbour(14.0)
+    sensor, series = clouds_of(outing)
+    kept = series.select((series.t < 4.0) | (series.t >= 4.0 + gap_s))
+    found = cloud_odometry(
+        outing.with_sensor(replace(sensor, series=kept)), KissSettings(), no_progress
+    )
+    assert found is not None
+    assert nees_of(found, outing).mean() / 6 < 4.0
+    assert found.warnings == () or "1 clouds after gaps" in found.warnings[0]
+    assert (found.warnings == ()) == (gap_s < 2.0)
+
+
+@pytest.mark.slow
+def test_another_pace_is_a_gap_once(mission: Mission, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kiss, "SURE_FITNESS", 2.0)  # no match is good enough
+    sensor, series = clouds_of(mission)
+    kept = series.select(np.array([0, 1, 2, 6, 10, 14]))
+    slower = mission.with_sensor(replace(sensor, series=kept))
+    found = cloud_odometry(slower, KissSettings(), no_progress)
+    assert found is not None
+    assert [cloud.map for cloud in found.key][-2:] == [1, 1]
+
+
+def test_a_cloud_that_cannot_be_read_is_left_out_and_said(mission: Mission, tmp_path: Path) -> None:
+    broken = tmp_path / "broken.npy"
+    broken.write_bytes(b"not numpy")
+    sensor, series = clouds_of(mission)
+    clouds = (*series.clouds[:2], broken, *series.clouds[3:7])
+    few = replace(series.select(slice(0, 7)), clouds=clouds)
+    found = cloud_odometry(
+        mission.with_sensor(replace(sensor, series=few)), KissSettings(), no_progress
+    )
+    assert found is not None
+    assert len(found.t) == 6
+    assert [r.index for r in found.rejections] == [2]
+    assert "cannot read the cloud" in found.rejections[0].reason
+
+
+def test_a_second_scanner_is_left_out_and_said(mission: Mission) -> None:
+    sensor, _ = clouds_of(mission)
+    two = mission.with_sensor(replace(sensor, name="stern")).crop(0.0, 1.6)
+    found = cloud_odometry(two, KissSettings(), no_progress)
+    assert found is not None
+    assert found.sensor == "lidar"
+    assert ["'stern' is left out" in said for said in found.warnings] == [True]
 
 
 def test_clouds_without_points_are_no_odometry(mission: Mission) -> None:
     empty = tuple(Cloud(np.zeros((0, 3))) for _ in range(5))
-    with pytest.raises(EstimationError, match="sensor 'lidar': fewer than two clouds"):
+    why = "sensor 'lidar': fewer than two clouds can be used: a cloud of too few points"
+    with pytest.raises(EstimationError, match=why):
         cloud_odometry(with_clouds(mission, empty), KissSettings(), no_progress)
 
 
 def test_a_mission_without_clouds_has_none(mission: Mission) -> None:
     assert cloud_odometry(mission.without("lidar"), KissSettings(), no_progress) is None
     assert cloud_odometry(mission, KissSettings(use=False), no_progress) is None
-
-
-def test_the_adjoint_carries_small_motions_over() -> None:
-    rng = np.random.default_rng(0)
-    R_ab, p_a = Rotation.from_rotvec(rng.normal(size=3)).as_matrix(), rng.normal(size=3)
-    small = 1e-6 * rng.normal(size=6)
-    # T_ab exp(small) = exp(adjoint small) T_ab
-    R = R_ab @ Rotation.from_rotvec(small[:3]).as_matrix()
-    p = p_a + R_ab @ small[3:]
-    moved = adjoint(R_ab, p_a) @ small
-    turn = Rotation.from_rotvec(moved[:3]).as_matrix()
-    np.testing.assert_allclose(turn @ R_ab, R, atol=1e-10)
-    np.testing.assert_allclose(turn @ p_a + moved[3:], p, atol=1e-10)
 
 
 @pytest.mark.slow

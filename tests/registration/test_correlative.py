@@ -66,6 +66,24 @@ def test_the_search_has_its_reach() -> None:
     assert search(room(), new, np.zeros(3), 25.0 * VAGUE, far).q[0] == pytest.approx(4.0, abs=0.3)
 
 
+@pytest.mark.parametrize("sigma", [(1.0, 1.0, 2.0), (50.0, 1.0, 0.05), (1.0, 1.0, 0.05)])
+def test_what_is_vague_takes_no_reach_from_the_rest(sigma: tuple[float, float, float]) -> None:
+    true = np.array([1.5, -2.0, 0.1])
+    found = search(room(), seen_from(room(), true), np.zeros(3), np.diag(sigma) ** 2, SETTINGS)
+    assert found.failure == ""
+    np.testing.assert_allclose(found.q, true, atol=0.25)
+
+
+def test_half_a_turn_is_no_rival_of_itself() -> None:
+    """From either side."""
+    around = CorrelativeSettings(reach_deg=180.0)
+    true = np.array([0.3, 0.0, np.pi])
+    unknown = np.diag([1.0, 1.0, 3.0]) ** 2
+    found = search(room(), seen_from(room(), true), np.zeros(3), unknown, around)
+    assert found.failure == ""
+    assert abs(found.q[2]) == pytest.approx(np.pi, abs=0.05)
+
+
 @pytest.mark.slow
 def test_nothing_in_common_is_no_match() -> None:
     found = search(room(), room() + np.array([500.0, 0.0]), np.zeros(3), VAGUE, SETTINGS)

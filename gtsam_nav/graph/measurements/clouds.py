@@ -10,7 +10,7 @@ from gtsam_nav.config import Config
 from gtsam_nav.graph import factors
 from gtsam_nav.graph.factors import X
 from gtsam_nav.graph.problem import Problem
-from gtsam_nav.odometry.kiss import CloudTrack
+from gtsam_nav.odometry.cloud_track import CloudTrack
 from gtsam_nav.trajectory import SAME_TIME_S
 
 
