@@ -250,8 +250,8 @@ def _on_gaps(sensor_name: str, n_gaps: int) -> tuple[str, ...]:
     if not n_gaps:
         return ()
     return (
-        f"sensor '{sensor_name}': {n_gaps} clouds after gaps do not fit onto those before: the"
-        " motion over these gaps is a guess",
+        f"sensor '{sensor_name}': after {n_gaps} of its gaps the clouds do not fit onto those"
+        " before: the motion over these is a guess",
     )
 
 

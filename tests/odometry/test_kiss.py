@@ -189,7 +189,7 @@ def test_a_gap_is_bridged_or_known_for_a_guess(gap_s: float) -> None:
     )
     assert found is not None
     assert nees_of(found, outing).mean() / 6 < 4.0
-    assert found.warnings == () or "1 clouds after gaps" in found.warnings[0]
+    assert found.warnings == () or "after 1 of its gaps" in found.warnings[0]
     assert (found.warnings == ()) == (gap_s < 2.0)
 
 
