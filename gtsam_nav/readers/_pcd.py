@@ -56,8 +56,9 @@ def read_pcd(path: Path) -> dict[str, Array]:
         raise DataError("is no PCD file: no header that ends with a line DATA", path)
     header = _parse_header(data[:start].decode("latin-1"), path)
     if header.storage == "ascii":
-        names = [f"{name} {k}" for name, n in zip(header.names, header.counts, strict=True)
-                 for k in range(n)]  # fmt: skip
+        fields = enumerate(zip(header.names, header.counts, strict=True))
+        # by their place too: padding repeats its name
+        names = [f"{place} {name} {k}" for place, (name, n) in fields for k in range(n)]
         lines = data[start:].decode("latin-1").split("\n")
         table = np.column_stack([*number_columns(lines, header.n_points, names, path).values()])
         return header.columns(np.split(table, np.cumsum(header.counts)[:-1], axis=1))

@@ -73,6 +73,13 @@ def test_points_and_times_are_read(tmp_path: Path, suffix: str, data: bytes) -> 
     np.testing.assert_array_equal(cloud.offset_s, TIMES)
 
 
+def test_padding_of_a_text_repeats_its_name(tmp_path: Path) -> None:
+    path = tmp_path / "padded.pcd"
+    header = "FIELDS x _ y _ z\nSIZE 4 4 4 4 4\nTYPE F F F F F\nWIDTH 2\nHEIGHT 1\nPOINTS 2\n"
+    path.write_text(f"{header}DATA ascii\n1 9 2 9 3\n4 9 5 9 6\n")
+    np.testing.assert_array_equal(read_cloud(path).points_s, [[1, 2, 3], [4, 5, 6]])
+
+
 def test_a_compressed_reference_repeats_what_was_before(tmp_path: Path) -> None:
     path = tmp_path / "zeros.pcd"
     header = "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 10\nHEIGHT 1\nPOINTS 10\n"
