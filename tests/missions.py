@@ -103,12 +103,12 @@ def every_sensor_mission(cloud_folder: Path, seed: int = 0) -> Mission:
     }
     sensors = {}
     for name, series in every_series(cloud_folder, seed).items():
-        body_axes = name in ("heading", "attitude", "scans", "reference")
+        body_axes = name in ("heading", "attitude", "reference")
         sensors[name] = Sensor(
             name=name,
             type=name,
             series=series,
-            xyz_b=rng.normal(size=3) * (name != "scans"),
+            xyz_b=rng.normal(size=3),
             R_bs=np.eye(3) if body_axes else rotation_from_rpy(rng.uniform(-1.5, 1.5, 3)),
             noise=noise.get(name, {}),
             simulated=name == "beams",

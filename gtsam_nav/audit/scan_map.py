@@ -150,5 +150,6 @@ def scan_findings(sensor: Sensor, like: MapLikeness, suspected: Sequence[str]) -
     mended = ["port and starboard are exchanged"] if sign < 0 else []
     mended += [f"the points are turned by {np.degrees(offset):+.0f} deg"] if offset else []
     message = f"{read}, and by {like.best:.2f} once {' and '.join(mended)}{or_else}"
-    fix = f"{fixes.mounting(turn @ np.diag([1.0, sign, sign]))} (after the mounting that it has)"
+    mounting = fixes.mounting(turn @ np.diag([1.0, sign, sign]))
+    fix = f"{mounting} (after the mounting that it has; in a mission folder scanner_axes: true)"
     yield Finding("scan axes", sensor.name, "warning", message, fix)

@@ -14,14 +14,14 @@ NO_RETURN_M = 0.01
 
 
 def without_no_returns(sensor: Sensor) -> tuple[Sensor, tuple[str, ...]]:
-    """The sensor without points at the origin of the axes that they are told in, and their number.
+    """The sensor without points at the scanner itself, and what to say of them.
 
     All but scans pass through.
     """
     scans = sensor.series
     if not isinstance(scans, ScanSeries):
         return sensor, ()
-    seen = np.hypot(*scans.points_b[:, :2].T) > NO_RETURN_M
+    seen = np.hypot(*(scans.points_b[:, :2] - sensor.xyz_b[:2]).T) > NO_RETURN_M
     if np.all(seen):
         return sensor, ()
     first = np.concatenate([[0], np.cumsum(seen)])[scans.first]

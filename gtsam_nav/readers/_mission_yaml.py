@@ -131,6 +131,8 @@ class SensorEntry(SensorCard):
         scans, clouds and edges, t alone.
     through_water : bool
         Of a dvl: whether its file is that of a log, which reads the water.
+    scanner_axes : bool
+        Of scans: whether the points are along the scanner's axes, so that its mounting places them.
     """
 
     file: str
@@ -139,6 +141,7 @@ class SensorEntry(SensorCard):
     columns: dict[str, str] = Field(default_factory=dict)
     scale: dict[str, FiniteFloat] = Field(default_factory=dict)
     through_water: bool = False
+    scanner_axes: bool = False
 
     @field_validator("columns", "scale", mode="before")
     @classmethod
@@ -168,9 +171,10 @@ class SensorEntry(SensorCard):
         return self
 
     @model_validator(mode="after")
-    def _a_log_is_a_dvl(self) -> SensorEntry:
-        if self.through_water and self.type != "dvl":
-            raise ValueError(f"through_water is of a dvl, and this is a sensor of type {self.type}")
+    def _keys_are_of_their_type(self) -> SensorEntry:
+        for key, kind in (("through_water", "dvl"), ("scanner_axes", "scans")):
+            if getattr(self, key) and self.type != kind:
+                raise ValueError(f"{key} is of {kind}, and this is a sensor of type {self.type}")
         return self
 
     @classmethod

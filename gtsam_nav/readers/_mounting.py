@@ -35,7 +35,7 @@ def in_body_axes(sensor: Sensor) -> Sensor:
         here = sensor.xyz_b[: series.points_b.shape[1]]
         turn = R_bs[: len(here), : len(here)]
         placed = replace(series, points_b=here + series.points_b @ turn.T)
-        return replace(sensor, series=placed, xyz_b=np.zeros(3), R_bs=np.eye(3))
+        return replace(sensor, series=placed, R_bs=np.eye(3))
     return sensor
 
 

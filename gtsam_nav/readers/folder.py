@@ -64,7 +64,7 @@ from gtsam_nav.readers._rejections import REJECTIONS_FILE, read_rejections
 from gtsam_nav.readers._table import Table, read_named_files, read_table, truncation
 from gtsam_nav.readers.layout import GEODETIC_COLUMNS, LAYOUTS, NED_COLUMNS, Field
 from gtsam_nav.sensors.noise import NOISE_MODELS
-from gtsam_nav.series import SERIES_TYPES, CloudSeries, Series
+from gtsam_nav.series import SERIES_TYPES, CloudSeries, ScanSeries, Series
 from gtsam_nav.solution import Progress, no_progress
 
 NAME = "mission folder"
@@ -211,10 +211,10 @@ class _Reading:
             simulated=entry.simulated,
             time_offset_sigma_s=entry.time_offset_sigma_s,
         )
-        # of a mounted scanner, they lie at its origin only before they are placed
-        sensor, warnings = without_no_returns(sensor)
+        if entry.type != ScanSeries.TYPE or entry.scanner_axes:
+            sensor = in_body_axes(sensor)
+        self.sensors[name], warnings = without_no_returns(sensor)
         self.warnings += warnings
-        self.sensors[name] = in_body_axes(sensor)
 
     def _series(self, name: str, entry: SensorEntry, path: Path) -> Cleaned:
         if entry.type in ("beams", "scans"):

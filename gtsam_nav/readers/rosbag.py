@@ -254,8 +254,11 @@ class _Reading:
                 series, repeats = without_repeats(choice.name, series)
                 self.rejections += repeats
             R_bs, xyz_b = mounting
-            if isinstance(series, ScanSeries) or _is_bare(choice):
-                R_bs, xyz_b = np.eye(3), np.zeros(3)
+            is_placed = isinstance(series, ScanSeries)
+            if _is_bare(choice):
+                xyz_b = np.zeros(3)
+            if is_placed or _is_bare(choice):
+                R_bs = np.eye(3)
             sensor = Sensor(
                 choice.name,
                 choice.entry.type,
@@ -265,7 +268,7 @@ class _Reading:
                 noise=choice.entry.noise,
                 time_offset_sigma_s=choice.entry.time_offset_sigma_s,
             )
-            found[choice.name] = in_body_axes(sensor)
+            found[choice.name] = sensor if is_placed else in_body_axes(sensor)
         self._warn_of_the_unmounted()
         return found
 

@@ -123,13 +123,14 @@ def echoes_of_scans(sensor: Sensor) -> Echoes:
     assert isinstance(scans, ScanSeries)
     beam = np.repeat(np.arange(len(scans)), np.diff(scans.first))
     xy_b = scans.points_b[:, :2]
-    range_m = np.maximum(np.linalg.norm(xy_b, axis=1), 1e-6)
+    ray_b = xy_b - sensor.xyz_b[:2]
+    range_m = np.maximum(np.linalg.norm(ray_b, axis=1), 1e-6)
     noise = SonarNoise.model_validate(sensor.noise)
     return Echoes(
         t=scans.t[beam],
         beam=beam,
         xy_b=xy_b,
-        cov_b=_polar_covariance(range_m, xy_b / range_m[:, None], noise),
+        cov_b=_polar_covariance(range_m, ray_b / range_m[:, None], noise),
         strength=np.full(len(beam), 255.0),
     )
 

@@ -155,12 +155,10 @@ def _initial(state: InitialState) -> dict[str, Any]:
 
 def _entry(sensor: Sensor, file_name: str) -> dict[str, Any]:
     entry: dict[str, Any] = {"type": sensor.type, "file": file_name}
-    # points of scans are in the body's axes: a mounting would be applied to them once more
-    mounted = not isinstance(sensor.series, ScanSeries)
-    if mounted and np.any(sensor.xyz_b):
+    if np.any(sensor.xyz_b):
         entry["xyz_m"] = [float(x) for x in sensor.xyz_b]
     rpy_deg = np.degrees(rpy_from_rotation(sensor.R_bs))
-    if mounted and np.any(rpy_deg):
+    if np.any(rpy_deg):
         entry["rpy_deg"] = [float(x) for x in rpy_deg]
     if sensor.noise:
         entry["noise"] = {

@@ -84,12 +84,13 @@ def test_what_odometry_read_of_the_water_is_a_log_by_its_card(tmp_path: Path) ->
 
 
 def test_through_water_is_of_a_dvl(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match="through_water is of a dvl"):
+    with pytest.raises(DataError, match="through_water is of dvl"):
         read_one(tmp_path, "depth", DEPTH_CSV, through_water=True)
 
 
 def test_points_of_a_mounted_scanner_read_as_the_body_sees_them(tmp_path: Path) -> None:
-    placed = {"file": "scans.npz", "xyz_m": [0.5, 0.1, -0.3], "rpy_deg": [180, 0, 90]}
+    mounting = {"xyz_m": [0.5, 0.1, -0.3], "rpy_deg": [180, 0, 90]}
+    placed = {"file": "scans.npz", "scanner_axes": True, **mounting}
     folder = make_folder(tmp_path, {}, {"scans": placed})
     seen = [[2.0, 0.0], [0.0, 3.0]]
     np.savez(folder / "scans.npz", t=np.arange(2.0), first=[0, 1, 2], points=seen)
@@ -169,9 +170,20 @@ def test_a_key_that_nothing_is_made_of_is_refused(
         read_one(tmp_path, sensor_type, "", **entry)
 
 
+def test_points_in_body_axes_stay_where_they_are(tmp_path: Path) -> None:
+    """What mounts the scanner says where it is, and nothing of its points."""
+    stated = {"file": "scans.npz", "xyz_m": [0.5, 0.1, -0.3], "rpy_deg": [0, 0, 90]}
+    folder = make_folder(tmp_path, {}, {"scans": stated})
+    np.savez(folder / "scans.npz", t=[0.0, 1.0], first=[0, 1, 2], points=[[2.0, 0.0], [0.0, 3.0]])
+    scanner = open_mission(folder).sensors["scans"]
+    assert isinstance(scanner.series, ScanSeries)
+    np.testing.assert_array_equal(scanner.series.points_b, [[2.0, 0.0], [0.0, 3.0]])
+    np.testing.assert_array_equal(scanner.xyz_b, [0.5, 0.1, -0.3])
+
+
 def test_points_at_a_mounted_scanner_are_none(tmp_path: Path) -> None:
     """A laser that hears nothing back may say a range of zero."""
-    placed = {"file": "scans.npz", "xyz_m": [0.5, 0.1, -0.3]}
+    placed = {"file": "scans.npz", "xyz_m": [0.5, 0.1, -0.3], "scanner_axes": True}
     folder = make_folder(tmp_path, {}, {"scans": placed})
     seen = [[2.0, 0.0], [0.0, 0.0], [0.0, 0.0], [0.0, 3.0]]
     np.savez(folder / "scans.npz", t=np.arange(3.0), first=[0, 2, 3, 4], points=seen)
