@@ -165,8 +165,10 @@ class SentenceLog:
 
     @property
     def velocities_told(self) -> list[tuple[int, float, float]]:
-        """VTG's, else RMC's."""
-        return self.velocities["VTG"] or self.velocities["RMC"]
+        """VTG's, and RMC's of the times that have none."""
+        finer = self.velocities["VTG"]
+        told = {time for time, _, _ in finer}
+        return [*finer, *(found for found in self.velocities["RMC"] if found[0] not in told)]
 
     def warnings(self) -> list[str]:
         """What was not read."""

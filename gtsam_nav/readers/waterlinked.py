@@ -68,8 +68,11 @@ def read(path: Path, progress: Progress = no_progress, figures: Figures = NO_FIG
             reason = MALFORMED
         else:
             reason = REPEATED if line == before else ""
+        if reason == "" and reasons and reasons[-1] == MALFORMED and _is_part(before, line):
+            rows[-1][0] = 0.0  # a log that was polled too often: the time is its intact copy's
         if report is None or reason:
-            interval_ms = 0.0 if report else _damaged_interval_ms(line)
+            is_copy = report is not None or _is_part(line, before)
+            interval_ms = 0.0 if is_copy else _damaged_interval_ms(line)
             rows.append([interval_ms, *[np.nan] * 4, 0.0, np.nan])
             utc.append(np.nan)
         else:
@@ -139,6 +142,11 @@ def _is_other_report(line: str) -> bool:
     except (ValueError, RecursionError):
         return False
     return isinstance(report, dict) and "vx" not in report
+
+
+def _is_part(line: str, whole: str) -> bool:
+    """Whether a damaged line is the larger part of a whole one: what is shorter may be of any."""
+    return 2 * len(line) > len(whole) and (whole.startswith(line) or whole.endswith(line))
 
 
 def _damaged_interval_ms(line: str) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gzip
-import time
 from pathlib import Path
 from typing import Any
 
@@ -533,20 +532,6 @@ def test_progress_ends_at_one(tmp_path: Path) -> None:
     open_mission(folder, lambda _stage, fraction: told.append(fraction))
     assert told == sorted(told)
     assert told[-1] == 1.0
-
-
-@pytest.mark.slow
-def test_an_hour_of_imu_reads_in_seconds(tmp_path: Path) -> None:
-    rng = np.random.default_rng(0)
-    values = np.column_stack([np.arange(360_000) / 100, rng.normal(size=(360_000, 6))])
-    text = "t,gx,gy,gz,ax,ay,az\n" + ("%r,%.7f,%.7f,%.7f,%.6f,%.6f,%.6f\n" * len(values)) % tuple(
-        values.ravel().tolist()
-    )
-    folder = make_folder(tmp_path, {"i.csv": text}, {"imu": {"file": "i.csv"}})
-    begin = time.perf_counter()
-    mission = open_mission(folder)
-    assert time.perf_counter() - begin < 6  # about 1 s on a free core
-    assert len(mission.sensors["imu"].series) == 360_000
 
 
 def test_an_error_names_the_line_of_the_file(tmp_path: Path) -> None:

@@ -88,6 +88,18 @@ def test_vtg_is_finer_and_a_heading_makes_a_speed_sensor(tmp_path: Path) -> None
     assert fixes_of(read).v_n is None, "the velocity is used once"
 
 
+def test_where_vtg_is_rare_rmc_tells_the_velocities_between(tmp_path: Path) -> None:
+    lines = []
+    for k in range(6):
+        lines += [rmc(f"12000{k}.0", "010224"), gga(f"12000{k}.0")]
+        lines += [sentence("GPVTG,90.0,T,,M,3.888,N,7.2,K,A")] * (k == 3)
+    v_n = fixes_of(log(tmp_path, *lines)).v_n
+    assert v_n is not None
+    east = np.full(6, 2 * KNOT_M_S)
+    east[3] = 2.0
+    np.testing.assert_allclose(v_n[:, 1], east)
+
+
 def slow_log(folder: Path, speed: float, *, compass: bool = False) -> Mission:
     """Ten seconds, four of which state a speed (knots) and no course."""
     lines = []

@@ -50,11 +50,20 @@ def test_a_repeated_report_takes_no_time(tmp_path: Path) -> None:
 
 def test_a_damaged_report_takes_its_time(tmp_path: Path) -> None:
     """Cut off at its end, it still tells its time; at its beginning, it takes as long as most."""
-    cut, headless = report(150, 0.4)[:40], report(150, 0.5)[30:]
+    cut, headless = report(150, 0.4)[:40], report(150, 0.5, altitude=2.5)[30:]
     lines = [report(100, 0.1 * k) for k in range(3)]
     read = log(tmp_path, *lines, cut, report(100, 0.6), headless, "noise", report(100, 0.7))
     np.testing.assert_allclose(dvl_of(read).t, [0.0, 0.1, 0.2, 0.45, 0.65])
     np.testing.assert_allclose([r.t for r in read.rejections], [0.35, 0.55, 0.55])
+
+
+@pytest.mark.parametrize("damaged", [0, 1])
+@pytest.mark.parametrize("kept", [slice(None, -9), slice(9, None)])
+def test_a_damaged_copy_takes_no_time(tmp_path: Path, damaged: int, kept: slice) -> None:
+    copies = [report(100, 0.2)] * 2
+    copies[damaged] = copies[damaged][kept]
+    read = log(tmp_path, report(100), *copies, report(100, 0.3))
+    np.testing.assert_allclose(dvl_of(read).t, [0.0, 0.1, 0.2])
 
 
 def test_invalid_velocities_stay_and_unknown_altitudes_are_none(tmp_path: Path) -> None:
