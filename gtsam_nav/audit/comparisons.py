@@ -133,9 +133,14 @@ class Comparisons:
 
     @property
     def unwitnessed(self) -> tuple[str, ...]:
-        """Who alone tells the way: without fixes it has no other witness."""
-        alone = self.velocity is not None and self.ways is None
-        return (self.sources[0].name,) if alone else ()
+        """Who alone tells the way, which fixes would, or the turns, which they or a gyro would."""
+        velocity = self.velocity
+        found = [velocity.name] if velocity is not None and self.ways is None else []
+        compared = {name for pair in self.turn_pairs for name in pair.pair}
+        compasses = [name for name, t in self.turns.items() if t.sensor.type == "heading"]
+        if self.course is None and not compared.intersection(compasses):
+            found += compasses[:1]
+        return tuple(found)
 
     @property
     def yaw(self) -> Signal | None:

@@ -19,7 +19,7 @@ from gtsam_nav.audit.scan_map import moved_scans, scan_findings
 from gtsam_nav.audit.sonar_map import map_likeness
 from gtsam_nav.frames import Array, rotation_from_rpy, wrap_angle
 from gtsam_nav.mission import Mission, Sensor
-from gtsam_nav.series import HeadingSeries, OdometrySeries, ScanSeries
+from gtsam_nav.series import DvlSeries, HeadingSeries, OdometrySeries, ScanSeries
 
 T = np.arange(0.0, 120.0, 0.5)
 YAW = 0.15 * T + 0.4 * np.sin(T / 5.0)
@@ -121,6 +121,22 @@ def test_the_audit_asks_compass_or_odometry(has_compass: bool) -> None:
     mission = Mission("room", sensors if has_compass else dict(list(sensors.items())[:2]))
     (found,) = (f for f in audit(mission).findings if f.check == "scan axes")
     assert found.severity == "warning"
+    assert "unless odometry is wrong" in found.message
+
+
+def test_a_compass_that_nothing_bears_out_may_be_at_fault() -> None:
+    """It counts the other way round, and the points are drawn by it alone."""
+    every, sigma = np.ones(len(T), dtype=bool), np.full(len(T), 0.01)
+    v_d = LOG.v_s + 0.001 * np.sin(np.arange(3) + T[:, None])  # what never changes is stuck
+    log = DvlSeries(t=T, v_d=v_d, sigma=sigma, valid=every, bottom_lock=every)
+    compass = HeadingSeries(t=T, heading=wrap_angle(-YAW), sigma=sigma)
+    sensors = {
+        "dvl": Sensor("dvl", "dvl", log),
+        "scans": scanner(points()),
+        "heading": Sensor("heading", "heading", compass),
+    }
+    (found,) = (f for f in audit(Mission("room", sensors)).findings if f.check == "scan axes")
+    assert "unless dvl or heading is wrong" in found.message
 
 
 @pytest.mark.realdata
