@@ -18,12 +18,17 @@ from gtsam_nav.audit.findings import Finding
 from gtsam_nav.audit.significance import FALSE_ALARM, losses, prefers
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission
+from gtsam_nav.series import IntArray
 
 FEWEST = 8
+BLOCK_S = 30.0
+"""Baselines are joined to stretches of so long: over less the fixes' noise hides a current."""
 TOLERATED_M_S = 0.1
 """A smaller vector does little harm ..."""
 TOLERATED_SHARE = 0.1
 """... as does one that is small beside the speed."""
+WRONG_CAUSE = 0.01
+"""Probability that noise makes a current of a deviation; that one of both is there is surer."""
 REWEIGHTINGS = 10
 
 
@@ -38,7 +43,7 @@ class Current:
         The fixes' less the sensor's, m/s.
     speed_m_s : float
         Of the vehicle by the fixes, median.
-    n_baselines : int
+    n_stretches : int
     is_clear : bool
         Whether it is beyond what scatter explains, and explains more than a deviation.
     """
@@ -47,7 +52,7 @@ class Current:
     gnss: str
     v_n: Array
     speed_m_s: float
-    n_baselines: int
+    n_stretches: int
     is_clear: bool
 
     @property
@@ -75,13 +80,18 @@ def _current(velocity: Velocity, ways: Baselines) -> Current | None:
     from scipy.stats import f
 
     covered = ways.covered(velocity)
-    n = int(np.sum(covered))
+    t = ways.fixes.t
+    duration_s = (t[ways.stop] - t[ways.start])[covered]
+    block = _blocks(ways.start[covered], ways.stop[covered], duration_s)
+    n = len(np.unique(block))
     if n < FEWEST:
         return None
     heading = np.unwrap(ways.compass.heading)
-    duration_s = (ways.fixes.t[ways.stop] - ways.fixes.t[ways.start])[covered, None]
-    seen = ways.seen(heading)[covered] / duration_s
-    reckoned = ways.reckoned(heading, velocity)[covered] / duration_s
+    lasts_s = np.bincount(block, duration_s)
+    seen, reckoned = (
+        np.column_stack([np.bincount(block, axis) / lasts_s for axis in way[covered].T])
+        for way in (ways.seen(heading), ways.reckoned(heading, velocity))
+    )
     across = np.stack([-reckoned[:, 1], reckoned[:, 0]], axis=1)
     course = np.arctan2(reckoned[:, 1], reckoned[:, 0])[:, None]
     turn_and_scale = np.stack([reckoned, across], axis=2)
@@ -89,6 +99,7 @@ def _current(velocity: Velocity, ways: Baselines) -> Current | None:
     still = np.broadcast_to(np.eye(2), (n, 2, 2))
     _, _, by_deviation = _fit(np.concatenate([turn_and_scale, deviation], axis=2), seen)
     solution, covariance, left = _fit(np.concatenate([turn_and_scale, still], axis=2), seen)
+    turning, drifting = losses(np.array([by_deviation, left]))
     v_n = solution[2:]
     squared = float(v_n @ np.linalg.pinv(covariance[2:, 2:]) @ v_n) / 2.0
     is_beyond_scatter = bool(squared > f.isf(FALSE_ALARM, 2, 2 * n - 4))
@@ -97,9 +108,21 @@ def _current(velocity: Velocity, ways: Baselines) -> Current | None:
         gnss=ways.gnss.name,
         v_n=v_n,
         speed_m_s=float(np.median(np.hypot(*seen.T))),
-        n_baselines=n,
-        is_clear=is_beyond_scatter and prefers(*losses(np.array([by_deviation, left]))),
+        n_stretches=n,
+        is_clear=is_beyond_scatter and prefers(turning, drifting, false_alarm=WRONG_CAUSE),
     )
+
+
+def _blocks(start: IntArray, stop: IntArray, duration_s: Array) -> IntArray:
+    """Numbers of the stretches that baselines (n,) are joined to: of `BLOCK_S`, without a gap; of
+    one baseline each where there would be too few."""
+    numbers, number, lasts_s = np.zeros(len(start), dtype=np.int64), 0, 0.0
+    for k in range(1, len(start)):
+        lasts_s += duration_s[k - 1]
+        if lasts_s >= BLOCK_S or start[k] != stop[k - 1]:
+            number, lasts_s = number + 1, 0.0
+        numbers[k] = number
+    return numbers if number + 1 >= FEWEST else np.arange(len(start))
 
 
 def _fit(A: Array, b: Array) -> tuple[Array, Array, Array]:
@@ -137,8 +160,8 @@ def current_findings(mission: Mission, found: Sequence[Current]) -> Iterator[Fin
         towards_deg = float(np.degrees(np.arctan2(east, north))) % 360.0
         message = (
             f"by the fixes of {current.gnss} the vehicle also drifts {np.hypot(north, east):.2g} "
-            f"m/s towards {towards_deg:.0f} deg, however it heads, over {current.n_baselines} "
-            f"baselines: {current.sensor} reads the water and is taken to read the ground, so that "
+            f"m/s towards {towards_deg:.0f} deg, however it heads, over {current.n_stretches} "
+            f"stretches: {current.sensor} reads the water and is taken to read the ground, so that "
             "the current becomes an error of the compass"
         )
         is_dvl = mission.sensors[current.sensor].type == "dvl"
