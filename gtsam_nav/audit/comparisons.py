@@ -41,6 +41,7 @@ from gtsam_nav.audit.inertial import inertial_findings, z_is_up
 from gtsam_nav.audit.lagged_products import Signal
 from gtsam_nav.audit.ranges import range_findings
 from gtsam_nav.audit.receiver import velocity_findings
+from gtsam_nav.audit.repeats import frozen_findings
 from gtsam_nav.audit.speeds import (
     SpeedPair,
     implausible_findings,
@@ -222,6 +223,9 @@ def comparison_findings(mission: Mission, c: Comparisons) -> Iterator[Finding]:
     yield from (f for f in c.gnss if f.sensor != c.mirrored_gnss)
     yield from turn_findings(c.turns, c.turn_pairs, c.wrong_sign, c.radians)
     yield from compass_findings(mission, c.radians)
+    others = {name: t.signal for name, t in c.turns.items() if t.sensor.type != "heading"}
+    for compass in mission.of_type("heading"):
+        yield from frozen_findings(compass, others)
     yield from current_findings(mission, c.drifts)
     if c.course is not None:
         yield from _course_findings(mission, c.course, c)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from gtsam_nav.audit.findings import Finding
+from gtsam_nav.audit.lagged_products import Signal
 from gtsam_nav.audit.significance import FALSE_ALARM
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission, Sensor
@@ -19,6 +20,8 @@ FEWEST_EQUAL = 20
 """So many samples that measure anything at all are not equal to the last digit."""
 ARITHMETIC = 1e-3
 """What the arithmetic of units adds to a change, as a share of their root mean square, at most."""
+LONG_S, CLEAR_TURN_DEG = 10.0, 10.0
+"""A heading that is held for so long, while the vehicle swings by so much, is no measurement."""
 FEW_HELD = 0.1
 """A smaller share of held readings of an IMU costs no more than the gaps that they would leave."""
 
@@ -30,6 +33,45 @@ def stuck_findings(mission: Mission) -> Iterator[Finding]:
         if again is not None and len(again) >= FEWEST_EQUAL and np.all(again[1:]):
             message = f"all {len(again)} samples are equal to the last digit: it measures nothing"
             yield Finding("stuck", sensor.name, "warning", message)
+
+
+def frozen_findings(compass: Sensor, turns: Mapping[str, Signal]) -> Iterator[Finding]:
+    """Whether a compass repeats one heading for long while others see the vehicle turn.
+
+    Parameters
+    ----------
+    compass : Sensor
+    turns : mapping of str to Signal
+        The yaw by others, but for a constant and a drift, rad.
+    """
+    again = repeats_of(compass.series)
+    if again is None or not np.any(again):
+        return
+    # where each run of equal samples begins and ends
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], again, [False]]).astype(int)))
+    first, last = edges[::2] - 1, edges[1::2] - 1
+    k = int(np.argmax(last - first))
+    begin_s, end_s = compass.series.t[[first[k], last[k]]].tolist()
+    if end_s - begin_s < LONG_S or last[k] - first[k] < FEWEST_EQUAL:
+        return
+    for name, yaw in turns.items():
+        turned = np.degrees(_turned_within(yaw, begin_s, end_s))
+        if turned > CLEAR_TURN_DEG:
+            message = (
+                f"equal to the last digit from {begin_s:.1f} to {end_s:.1f} s, while by {name} the "
+                f"vehicle turns to and fro by {turned:.0f} deg: it is frozen"
+            )
+            yield Finding("stuck", compass.name, "warning", message, "drop_repeats: true")
+            return
+
+
+def _turned_within(yaw: Signal, begin_s: float, end_s: float) -> float:
+    """Range of a yaw over a time, rad, apart from a steady turn: that may be a drift."""
+    inside = (yaw.t >= begin_s) & (yaw.t <= end_s)
+    if np.count_nonzero(inside) < 3:
+        return 0.0
+    t, values = yaw.t[inside] - begin_s, yaw.values[inside]
+    return float(np.ptp(values - np.polyval(np.polyfit(t, values, 1), t)))
 
 
 def repeat_findings(sensor: Sensor) -> Iterator[Finding]:

@@ -9,7 +9,8 @@ import pytest
 
 from gtsam_nav.audit import audit
 from gtsam_nav.audit.findings import Finding
-from gtsam_nav.audit.repeats import repeat_findings, stuck_findings
+from gtsam_nav.audit.lagged_products import Signal
+from gtsam_nav.audit.repeats import frozen_findings, repeat_findings, stuck_findings
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.repeats import REPEATED, repeats_of, without_repeats
@@ -35,6 +36,23 @@ def compass(heading: Array) -> Sensor:
 def sent_again(values: Array, every: int) -> Array:
     k = np.arange(len(values))
     return values[k - (k % every == every - 1)]
+
+
+@pytest.mark.parametrize("by", ["imu", "nothing", "a steady turn"])
+def test_a_compass_that_froze_while_the_vehicle_turns(by: str) -> None:
+    frozen = TURNING + RNG.normal(0.0, 0.001, N)
+    frozen[1200:] = frozen[1199]
+    sensor, t = compass(frozen), np.arange(N) * 0.1
+    swings = {"imu": Signal(t, TURNING + 0.01 * t)}
+    seen = {"imu": swings, "nothing": {}, "a steady turn": {"imu": Signal(t, 0.02 * t)}}[by]
+    findings = list(frozen_findings(sensor, seen))
+    if by != "imu":
+        assert findings == []
+        return
+    assert findings[0].fix == "drop_repeats: true"
+    assert (
+        "from 119.9 to 199.9 s, while by imu the vehicle turns to and fro by" in findings[0].message
+    )
 
 
 def found(sensor: Sensor) -> list[Finding]:
