@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.settings import MotionSettings
+from gtsam_nav.sensors.silences import longest_step_s, silent_spells
 from gtsam_nav.trajectory import UNIFORM_YAW_SIGMA, Trajectory
 
 TURNING_TYPES = {"heading": "a heading", "imu": "an IMU", "odometry": "odometry"}
@@ -20,6 +23,8 @@ HARDLY_TOLD_RAD = np.radians(5.0)
 NOT_TOLD_RAD = np.radians(18.0)
 """A less sure one is not told: the cost is so flat, and so far from a parabola, that its curvature
 claims twice what there is."""
+LONG_S = 5.0
+"""Over less the yaw goes on as it did."""
 TURN_S = 5.0
 """How long a vehicle keeps a rate of turn, or thereabouts."""
 
@@ -36,14 +41,31 @@ def unmeasured_yaw_variance_rad2_s(settings: MotionSettings) -> float:
 def warnings_on_turns(method: str, mission: Mission) -> tuple[str, ...]:
     """What a user must hear of a mission whose heading nothing tells a method."""
     used = [kind for kind in TURNING_TYPES if kind != "imu" or method not in WITHOUT_GYRO]
-    if any(mission.first(kind) for kind in used) or mission.first("dvl") is None:
+    if mission.first("dvl") is None:
         return ()
+    if any(mission.first(kind) for kind in used):
+        spells = untold_turns(mission, used)
+        if not len(spells):
+            return ()
+        begin, end = spells[np.argmax(spells[:, 1] - spells[:, 0])]
+        return (
+            f"nothing measures how the vehicle turns from {begin:.1f} s to {end:.1f} s: unless"
+            " fixes or scans tell it, the yaw there is a guess",
+        )
     lacking = " nor ".join(TURNING_TYPES[kind] for kind in used)
     return (
         f"nothing measures how the vehicle turns: {method} finds neither {lacking}; unless fixes or"
         " scans tell it, the yaw stays that of the start and its sigma grows to that of a direction"
         " nobody knows",
     )
+
+
+def untold_turns(mission: Mission, kinds: Collection[str] = tuple(TURNING_TYPES)) -> Array:
+    """First and last moment of each time that all sensors of some types are silent, shape (k, 2),
+    s."""
+    stamps = [sensor.series.t for kind in kinds for sensor in mission.of_type(kind)]
+    t = np.sort(np.concatenate([np.empty(0), *stamps]))
+    return silent_spells(t, *mission.span_s, max(LONG_S, longest_step_s(t)))
 
 
 def unknown_where_not_told(mission: Mission, *of_one: Trajectory | None) -> list[Any]:

@@ -67,6 +67,17 @@ def test_an_imu_alone_tells_the_turns_to_some_methods_only() -> None:
     assert "pose-ekf finds neither a heading nor odometry" in said
 
 
+def test_a_time_over_which_nothing_tells_the_turns_is_said() -> None:
+    mission = gn.simulate("marina", seed=3, duration_s=60.0).without("odometry")
+    heading = mission.sensors["heading"]
+    ended = mission.with_sensor(replace(heading, series=heading.series.crop(0.0, 20.0)))
+    assert warnings_on_turns("graph", ended) == ()
+    (said,) = warnings_on_turns("dr", ended)
+    assert said.startswith("nothing measures how the vehicle turns from 19.9 s to 60.0 s")
+    (said,) = warnings_on_turns("graph", ended.without("imu"))
+    assert "from 19.9 s" in said
+
+
 def test_a_yaw_that_fixes_hardly_show_is_said() -> None:
     laps = gn.simulate("laps", seed=3, duration_s=60.0)
     aided, blind = laps.without("heading"), laps.without("gnss")
