@@ -15,7 +15,7 @@ import numpy as np
 from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.mission import Mission
 from gtsam_nav.sensors.noise import HeadingNoise
-from gtsam_nav.sensors.silences import silent_spells
+from gtsam_nav.sensors.silences import longest_step_s, silent_spells
 from gtsam_nav.series import HeadingSeries, ImuSeries, IntArray
 
 BESIDE_S = 1.0
@@ -25,8 +25,6 @@ STEP_SIGMAS = 8.0
 """A step is larger than this many standard deviations of the difference of two readings."""
 MAX_GAP_S = 1.0
 """Over a longer silence of the compass anything may have happened."""
-MAX_GYRO_GAP_S = 0.5
-"""Over a longer one of the gyro the vehicle may have turned, and a turn is no step."""
 
 
 def without_compass_steps(mission: Mission) -> tuple[Mission, tuple[str, ...]]:
@@ -80,9 +78,12 @@ def _steps(series: HeadingSeries, unseen: Array, t_gyro: Array) -> IntArray:
 
 
 def _watched(t: Array, t_gyro: Array, k: int) -> bool:
-    """Whether the gyro speaks all the while that tells of a step before reading k."""
+    """Whether the gyro speaks all the while that tells of a step before reading k.
+
+    While it is silent the vehicle may have turned, and a turn is no step.
+    """
     before, after = _beside(t, k)
-    return not len(silent_spells(t_gyro, t[before][0], t[after][-1], MAX_GYRO_GAP_S))
+    return not len(silent_spells(t_gyro, t[before][0], t[after][-1], longest_step_s(t_gyro)))
 
 
 def _size(t: Array, unseen: Array, k: int) -> float:

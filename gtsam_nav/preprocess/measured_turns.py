@@ -18,13 +18,15 @@ from gtsam_nav.preprocess.settings import MotionSettings
 from gtsam_nav.preprocess.turn_sources import TurnSource, by_odometry, by_rate, spliced
 from gtsam_nav.preprocess.turning import unmeasured_yaw_variance_rad2_s
 from gtsam_nav.sensors.noise import ImuNoise
+from gtsam_nav.sensors.odometry import curvature_sigma
 from gtsam_nav.sensors.orientation import headings_true
 from gtsam_nav.sensors.rates import mean_gyro_bias_b
 from gtsam_nav.sensors.silences import longest_step_s
 from gtsam_nav.series import HeadingSeries, ImuSeries, OdometrySeries
 
 MAX_RATE_GAP_S = 0.5
-"""A gyro's rate is not carried over a longer silence if a compass or odometry tells of it."""
+"""A gyro's rate is not carried over a longer silence if a compass or odometry tells of it; a slow
+gyro is silent when several of its steps are missing."""
 
 
 @dataclass(frozen=True)
@@ -104,21 +106,42 @@ def _turned(mission: Mission, t: Array, settings: MotionSettings) -> tuple[Array
     if imu is not None:
         assert isinstance(imu.series, ImuSeries)
         rate = (imu.series.gyro_i @ imu.R_bs.T)[:, 2]
-        turns = by_rate(imu.series.t, rate, span_s, MAX_RATE_GAP_S)
+        turns = by_rate(imu.series.t, rate, span_s, longest_step_s(imu.series.t, MAX_RATE_GAP_S))
         headings = headings_true(mission)
         if headings is not None and len(headings) > 1:
             others.insert(0, _by_compass(mission, headings, settings)[0])
         variance = ImuNoise.model_validate(imu.noise).gyro_noise_density_rad_s_sqrt_hz ** 2
+        variance += _variance_by_wheels_rad2_s(mission, turns, t)
     elif odometry is not None:
         assert isinstance(odometry.series, OdometrySeries)
         turns, *others = others
-        t_rate = odometry.series.t
-        step_s = float(np.median(np.diff(t_rate))) if len(t_rate) > 1 else 1.0
-        variance = float(np.median(odometry.series.sigma_yaw_rate**2)) * step_s
+        variance = _white_variance_rad2_s(odometry.series)
     else:
         return np.zeros(len(t)), unmeasured_yaw_variance_rad2_s(settings)
     turns = spliced(turns, *others)
     return np.interp(t, turns.t, turns.turned), variance
+
+
+def _variance_by_wheels_rad2_s(mission: Mission, gyro: TurnSource, t: Array) -> float:
+    """What wheels that tell of a gyro's silences add, over the grid (n,), to the growth of the
+    variance: their noise and the turn that they do not notice."""
+    odometry = mission.first("odometry")
+    if odometry is None or len(t) < 2:
+        return 0.0
+    series = odometry.series
+    assert isinstance(series, OdometrySeries)
+    (wheels,) = by_odometry(mission)
+    middle = 0.5 * (t[1:] + t[:-1])
+    told_s = np.diff(t) * (~gyro.tells(middle) & wheels.tells(middle))
+    ahead_m = float(np.interp(middle, series.t, series.v_b[:, 0]) @ told_s)
+    variance = _white_variance_rad2_s(series) * float(np.sum(told_s))
+    return (variance + (curvature_sigma(mission) * ahead_m) ** 2) / float(t[-1] - t[0])
+
+
+def _white_variance_rad2_s(series: OdometrySeries) -> float:
+    """Growth of the variance of turns by noise of yaw rates alone."""
+    step_s = float(np.median(np.diff(series.t))) if len(series.t) > 1 else 1.0
+    return float(np.median(series.sigma_yaw_rate**2)) * step_s
 
 
 def heading_less_turn(

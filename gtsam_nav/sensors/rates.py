@@ -70,7 +70,9 @@ def mean_gyro_bias_b(mission: Mission) -> Array:
     turned = np.diff(np.interp(t, headings.t, np.unwrap(headings.heading)))[both]
     by_gyro_b = 0.5 * (rates_b[1:] + rates_b[:-1])[both] * span_s[both, None]
     by_compass_b = turned[:, None] * _down_b(mission, middle[both])
-    return np.asarray((by_gyro_b - by_compass_b).sum(axis=0) / span_s[both].sum())
+    # over less than the compass's own step its noise would pass for a bias
+    told_s = max(float(span_s[both].sum()), longest_step_s(headings.t))
+    return np.asarray((by_gyro_b - by_compass_b).sum(axis=0) / told_s)
 
 
 def _down_b(mission: Mission, t: Array) -> Array:

@@ -12,6 +12,8 @@ from gtsam_nav.series import BoolArray
 
 USUAL_STEPS, LEAST_S = 5.0, 1.0
 """A sensor whose samples are further apart than so many usual steps, and so long, is silent."""
+FEW_S = 3.0
+"""A shorter silence is not worth a word, and is none at the begin or the end of a mission."""
 
 
 def silent_spells(t: Array, from_s: float, to_s: float, longest_s: float) -> Array:
@@ -34,12 +36,15 @@ def silent_spells(t: Array, from_s: float, to_s: float, longest_s: float) -> Arr
 def silences(sensor: Sensor, mission: Mission) -> Array:
     """First and last moment of each silence of one of a mission's sensors, shape (k, 2), s.
 
-    What has a single sample holds it for good.
+    What has a single sample holds it for good; the first and the last one reach a few seconds.
     """
     t = sensor.series.t
     if len(t) < 2:
         return np.empty((0, 2))
-    return silent_spells(t, *mission.span_s, longest_step_s(t))
+    start, stop = mission.span_s
+    from_s = start if t[0] - start > FEW_S else float(t[0])
+    to_s = stop if stop - t[-1] > FEW_S else float(t[-1])
+    return silent_spells(t, from_s, to_s, longest_step_s(t))
 
 
 def speaks_at(sensor: Sensor, mission: Mission, t: Array) -> BoolArray:
@@ -54,18 +59,18 @@ def speaks_at(sensor: Sensor, mission: Mission, t: Array) -> BoolArray:
 
 
 def said_of_silences(sensor: Sensor, mission: Mission, instead: str) -> Iterator[str]:
-    """A warning of what is silent for a time, and of what carries the estimate then."""
+    """A warning of what is silent for some seconds, and of what carries the estimate then."""
     spells = silences(sensor, mission)
+    spells = spells[spells[:, 1] - spells[:, 0] > FEW_S]
     if len(spells):
-        lasts_s = spells[:, 1] - spells[:, 0]
-        begin, end = spells[np.argmax(lasts_s)]
+        begin, end = spells[np.argmax(spells[:, 1] - spells[:, 0])]
         longest = "" if len(spells) == 1 else f" {len(spells)} times, the longest"
         yield f"'{sensor.name}' is silent{longest} from {begin:.1f} s to {end:.1f} s: {instead}"
 
 
-def longest_step_s(t: Array) -> float:
+def longest_step_s(t: Array, least_s: float = LEAST_S) -> float:
     """Longest step between stamps (n,) that is no silence yet, s."""
-    return max(LEAST_S, USUAL_STEPS * _usual_step_s(t))
+    return max(least_s, USUAL_STEPS * _usual_step_s(t))
 
 
 def is_heard(stamps: Array, t: Array, longest_s: float) -> BoolArray:
@@ -77,4 +82,10 @@ def is_heard(stamps: Array, t: Array, longest_s: float) -> BoolArray:
 
 
 def _usual_step_s(t: Array) -> float:
-    return float(np.median(np.diff(t))) if len(t) > 1 else 0.0
+    """The step around a random moment, so that samples in bursts are as far apart as these, s."""
+    if len(t) < 2:
+        return 0.0
+    steps_s = np.sort(np.diff(t))
+    # a silence is long, but happens once: its length must not make it usual
+    passed_s = np.cumsum(np.minimum(steps_s, LEAST_S))
+    return float(steps_s[np.searchsorted(passed_s, 0.5 * passed_s[-1])])

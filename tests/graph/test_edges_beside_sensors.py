@@ -97,6 +97,12 @@ def test_an_attitude_alone_levels_the_start() -> None:
     assert np.degrees(np.sqrt(found.cov_pose_n[-1, 3, 3])) < 1.0
 
 
+def test_while_an_attitude_is_silent_the_edges_carry_it() -> None:
+    early = attitude().select(T < 8.0)
+    (said,) = [w for w in solved(mission(HEADING, early)).warnings if "is silent" in w]
+    assert said.endswith("the edges carry roll and pitch")
+
+
 def test_what_was_measured_past_the_last_pose_is_left_out_and_said() -> None:
     t = np.arange(0.0, 40.0)
     found = solved(mission(DepthSeries(t=t, depth_m=np.zeros(40), sigma=np.full(40, 5.0))))

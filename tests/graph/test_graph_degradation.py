@@ -237,6 +237,16 @@ def test_a_tilt_is_not_held_while_its_sensor_is_silent(mission: Mission) -> None
     assert roll_sigma[1] > 3.0
 
 
+def test_a_tilt_that_is_told_a_moment_later_holds_from_the_start(mission: Mission) -> None:
+    mission = mission.without("sonar", "landmarks", "imu")
+    attitude = mission.sensors["attitude"]
+    later = attitude.series.select(attitude.series.t > 1.3)
+    solution = estimated(mission.with_sensor(replace(attitude, series=later)))
+    assert not any("is silent" in said for said in solution.warnings)
+    assert solution.trajectory.cov_pose_n is not None
+    assert np.degrees(np.sqrt(solution.trajectory.cov_pose_n[0, 3, 3])) < 1.5
+
+
 def tilt_variance(solution: Solution) -> Array:
     """About the level axes, in the midst of the silence."""
     trajectory = solution.trajectory

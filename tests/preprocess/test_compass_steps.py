@@ -11,7 +11,7 @@ from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.compass_steps import without_compass_steps
 from gtsam_nav.sensors.noise import HeadingNoise
-from gtsam_nav.series import HeadingSeries, ImuSeries
+from gtsam_nav.series import BoolArray, HeadingSeries, ImuSeries
 
 T = np.arange(0.0, 60.0, 0.1)
 RATE = np.where((T > 20.0) & (T < 25.0), np.radians(40.0), np.radians(1.0))
@@ -86,6 +86,17 @@ def test_a_step_is_found_beside_a_silence_of_the_gyro() -> None:
     _, warnings = without_compass_steps(partly)
     assert len(warnings) == 1
     assert "at 30.1 s" in warnings[0]
+
+
+@pytest.mark.parametrize("kept", [np.arange(len(T)) % 10 == 0, np.abs(T - 40.0) > 0.35])
+def test_a_step_is_found_by_a_slow_gyro_and_beside_a_sample_or_two_that_lack(
+    kept: BoolArray,
+) -> None:
+    measured = mission(np.where(T > 40.0, np.radians(20.0), 0.0))
+    gyro = measured.sensors["imu"]
+    partly = measured.with_sensor(replace(gyro, series=gyro.series.select(kept)))
+    warnings = without_compass_steps(partly)[1]
+    assert any("at 40.1 s" in said for said in warnings)
 
 
 def test_without_a_gyro_nothing_is_done() -> None:

@@ -270,6 +270,25 @@ def test_where_the_gyro_falls_silent_the_compass_turns_the_vehicle() -> None:
         assert np.abs(error[motion.t < t[-1]]).max() < np.radians(0.3)
 
 
+def test_wheels_do_not_overrule_a_slow_gyro() -> None:
+    """At one sample a second no step is a silence, though it is longer than half a second."""
+    gyro = imu(np.array([0.0, 0.0, 0.05]), np.eye(3), np.zeros(3))
+    slow = replace(gyro, series=gyro.series.select(np.arange(len(gyro.series)) % 50 == 0))
+    motion = moved(slow, odometry(yaw_rate=0.1))
+    assert motion.rpy[-1, 2] == pytest.approx(0.05 * (motion.t[-1] - motion.t[0]))
+    assert motion.yaw_variance_rad2_s == moved(gyro, dvl()).yaw_variance_rad2_s
+
+
+def test_a_turn_that_wheels_tell_is_as_uncertain_as_theirs() -> None:
+    """By the noise of their rates and by what they do not notice, over the gyro's silence."""
+    gyro = imu(np.array([0.0, 0.0, 0.1]), np.eye(3), np.zeros(3))
+    kept = (gyro.series.t < 20.0) | (gyro.series.t > 40.0)
+    silent = replace(gyro, series=gyro.series.select(kept))
+    whole, motion = moved(gyro, odometry()), moved(silent, odometry())
+    added = (motion.yaw_variance_rad2_s - whole.yaw_variance_rad2_s) * (motion.t[-1] - motion.t[0])
+    assert added == pytest.approx(20.0 * 0.05**2 * 0.1 + np.radians(1.0 * 10.0) ** 2, rel=0.02)
+
+
 LATE_TURN = np.array([0.0, 35.0, 45.0, 60.0]), np.array([0.0, 0.0, 4.0, 4.0])
 """When, s, and how far, rad, a vehicle turns: more than half a circle."""
 

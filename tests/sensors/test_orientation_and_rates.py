@@ -180,6 +180,21 @@ def test_a_turn_while_either_is_silent_is_no_bias() -> None:
     np.testing.assert_allclose(mean_gyro_bias_b(silent), [0, 0, 0.01], atol=1e-12)
 
 
+def test_a_compass_whose_readings_come_in_bursts_tells_the_bias() -> None:
+    """Over some hundredths of a second its noise is a turn of degrees a second."""
+    turning = gyro((0.0, 0.0, RATE + 0.01), np.eye(3))
+    told = (np.arange(0.0, 59.0, 2.0)[:, None] + 0.01 * np.arange(5)).ravel()
+    noise = 0.01 * np.random.default_rng(1).standard_normal(len(told))
+    found = mean_gyro_bias_b(mission(turning, compass(wrap_angle(RATE * told + noise), told)))
+    np.testing.assert_allclose(found, [0.0, 0.0, 0.01], atol=0.001)
+
+
+def test_what_a_compass_tells_for_a_moment_is_hardly_a_bias() -> None:
+    told = np.array([20.0, 20.2])
+    found = mean_gyro_bias_b(mission(gyro((0.0, 0.0, 0.0), np.eye(3)), compass(0.1 * told, told)))
+    assert -0.03 < found[2] < 0.0
+
+
 @pytest.mark.parametrize("roll", [1.0, 3.1, -3.1])
 def test_a_turn_of_a_vehicle_that_leans_is_no_bias(roll: float) -> None:
     R_nb = rotation_from_rpy([roll, 0.0, 0.0])

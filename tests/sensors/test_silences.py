@@ -76,3 +76,26 @@ def test_what_is_no_silence_yet_goes_with_the_usual_step() -> None:
     assert longest_step_s(np.arange(0.0, 9.0, 0.1)) == 1.0
     assert longest_step_s(np.arange(0.0, 90.0, 10.0)) == 50.0
     assert longest_step_s(np.zeros(1)) == 1.0
+    assert longest_step_s(np.arange(0.0, 9.0, 0.01), 0.5) == 0.5
+
+
+@pytest.mark.parametrize(("size", "period_s"), [(5, 2.0), (2, 1.2), (20, 10.0)])
+def test_a_sensor_whose_samples_come_in_bursts_is_not_silent_between_them(
+    size: int, period_s: float
+) -> None:
+    bursts = period_s * np.arange(50.0)[:, None] + 0.01 * np.arange(size)
+    sensor = gauge(*bursts.ravel())
+    assert not len(silences(sensor, beside(sensor, 0.0, 50.0 * period_s)))
+
+
+def test_what_is_silent_for_most_of_a_mission_is_silent() -> None:
+    sensor = gauge(*np.arange(0.0, 5.0, 0.1), *np.arange(500.0, 505.0, 0.1))
+    found = silences(sensor, beside(sensor, 0.0, 505.0))
+    np.testing.assert_allclose(found, [[4.9, 500.0]])
+
+
+def test_the_first_and_last_sample_reach_a_few_seconds() -> None:
+    sensor = gauge(*np.arange(2.9, 6.0, 0.1), *np.arange(8.0, 11.0, 0.1))
+    mission = beside(sensor, 0.0, 12.5)
+    np.testing.assert_allclose(silences(sensor, mission), [[5.9, 8.0]])
+    assert not list(said_of_silences(sensor, mission, "for two seconds"))

@@ -44,7 +44,8 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
             add_tilt(problem, mission, k, tilt[k], float(sigma[k]), config)
     attitude = mission.first("attitude")
     if attitude is not None:
-        instead = "the IMU carries" if problem.uses_imu else "nothing tells"
+        others = "the IMU carries" if problem.uses_imu else "the edges carry"
+        instead = others if told else "nothing tells"
         problem.warnings += said_of_silences(attitude, mission, f"{instead} roll and pitch")
 
 
