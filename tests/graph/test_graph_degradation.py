@@ -332,3 +332,16 @@ def test_impossible_gate_rejects_every_loop_with_its_reason(mission: Mission) ->
     assert solution.loops
     assert {loop.verdict for loop in solution.loops} == {"rejected"}
     assert all(loop.reason for loop in solution.loops)
+
+
+def test_a_yaw_that_nothing_tells_any_more_is_one_nobody_knows(mission: Mission) -> None:
+    blind = mission.without("imu", "odometry", "sonar", "landmarks")
+    heading = blind.sensors["heading"]
+    ended = blind.with_sensor(replace(heading, series=heading.series.crop(0.0, 20.0)))
+    solution = estimated(ended, "gnss.use=none")
+    sigma = solution.trajectory.sigma_rpy
+    assert sigma is not None
+    at_20, at_60 = np.searchsorted(solution.trajectory.t, [20.0, 60.0]).clip(max=len(sigma) - 1)
+    assert np.degrees(sigma[at_20, 2]) < 5.0
+    assert np.degrees(sigma[at_60, 2]) > 75.0
+    assert any("nothing measures how the vehicle turns from 19.9 s" in w for w in solution.warnings)

@@ -12,7 +12,11 @@ from gtsam_nav.config import Config
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.coasting import CoastingStep
 from gtsam_nav.graph.factors import B
-from gtsam_nav.graph.measurements.orientation import add_tilt, add_unmeasured_turn
+from gtsam_nav.graph.measurements.orientation import (
+    add_tilt,
+    add_unmeasured_turn,
+    turn_growth_rad2_s,
+)
 from gtsam_nav.graph.measurements.velocity import add_velocity
 from gtsam_nav.graph.preintegration import InertialStep, Readings, imu_parameters
 from gtsam_nav.graph.problem import Problem
@@ -69,6 +73,7 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
         walking = imu_parameters(imu, mission.origin, combined=True)
     covered = _covered(series, problem.t)
     has_tilt = measures_tilt_at(mission, problem.t)
+    growth = turn_growth_rad2_s(mission, problem.t, config.motion)
     for k in range(1, len(problem.t)):
         before_s, t_s = problem.t[k - 1 : k + 1].tolist()
         if covered[k - 1]:
@@ -83,7 +88,7 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
             )
         elif problem.measures_velocity:
             add_velocity(problem, k, config)
-            add_unmeasured_turn(problem, k)
+            add_unmeasured_turn(problem, k, growth)
             if not has_tilt[k]:
                 tilt = problem.rpy[k, :2]
                 add_tilt(problem, mission, k, tilt, UNMEASURED_TILT_SIGMA_RAD, config)

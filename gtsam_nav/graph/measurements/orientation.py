@@ -17,13 +17,15 @@ from gtsam_nav.graph.problem import Problem
 from gtsam_nav.graph.readings import Reading, StateAt
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.edge_motion import edges_in_space
+from gtsam_nav.preprocess.settings import MotionSettings
+from gtsam_nav.preprocess.turning import unmeasured_yaw_variance_rad2_s, untold_turns
 from gtsam_nav.sensors.noise import HeadingNoise
 from gtsam_nav.sensors.orientation import headings_true, measures_tilt_at, tilt_at
 from gtsam_nav.sensors.silences import said_of_silences
 from gtsam_nav.series import IntArray
 
 UNMEASURED_TURN_RAD2_S = np.radians(3.0) ** 2
-"""Growth of the variance of a turn that neither gyro nor compass saw."""
+"""Growth of the variance of a turn that neither gyro nor compass saw, but something did."""
 
 Averaged = tuple[Array, Array, IntArray]
 """Heading at each keyframe, rad, its sigma, and the row of its first reading."""
@@ -88,6 +90,7 @@ def _add_orientations(
     yaw, sigma_yaw, row = headings
     tilt, sigma_tilt = tilt_at(mission, problem.t)
     R_measured = rotation_from_rpy(np.column_stack([tilt, yaw]))
+    growth = turn_growth_rad2_s(mission, problem.t, config.motion)
     for k in keyframes.tolist():
         if np.isfinite(sigma_yaw[k]):
             sigmas = np.array([sigma_tilt[k], sigma_tilt[k], sigma_yaw[k]])
@@ -95,7 +98,7 @@ def _add_orientations(
             problem.add_gated(k, "heading", int(row[k]), factor, config.graph.robust.heading)
         else:
             add_tilt(problem, mission, k, tilt[k], float(sigma_tilt[k]), config)
-            add_unmeasured_turn(problem, k)
+            add_unmeasured_turn(problem, k, growth)
 
 
 def _add_headings(
@@ -126,12 +129,25 @@ def _add_headings(
         problem.readings[k].append(reading)
 
 
-def add_unmeasured_turn(problem: Problem, k: int) -> None:
+def turn_growth_rad2_s(mission: Mission, t: Array, settings: MotionSettings) -> Array:
+    """Growth of the variance of a turn without gyro and compass, between times (n,); shape
+    (n - 1,)."""
+    middle = 0.5 * (t[1:] + t[:-1])
+    untold = [(begin < middle) & (middle < end) for begin, end in untold_turns(mission)]
+    nowhere = np.zeros(len(middle), dtype=bool)
+    return np.where(
+        np.any([nowhere, *untold], axis=0),
+        unmeasured_yaw_variance_rad2_s(settings),
+        UNMEASURED_TURN_RAD2_S,
+    )
+
+
+def add_unmeasured_turn(problem: Problem, k: int, growth_rad2_s: Array) -> None:
     """Ties the yaw of a keyframe without a reading loosely to its neighbours'."""
     for a, b in ((k - 1, k), (k, k + 1)):
         if a >= 0 and b < len(problem.t):
             R_ab, _ = problem.increments
-            precision = 1.0 / (UNMEASURED_TURN_RAD2_S * (problem.t[b] - problem.t[a]))
+            precision = 1.0 / (growth_rad2_s[a] * (problem.t[b] - problem.t[a]))
             problem.add(b, "heading", factors.turn(X(a), X(b), R_ab[a], precision))
 
 
