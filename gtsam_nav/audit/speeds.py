@@ -17,6 +17,7 @@ from gtsam_nav.audit.significance import limit
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.sensors.noise import DvlNoise, OdometryNoise
+from gtsam_nav.series import GnssSeries
 
 TOLERATED = float(np.log(1.25))
 """A smaller error of scale is one of calibration, which the estimators' own states take up."""
@@ -24,6 +25,8 @@ UNITS = {"knots": 1852 / 3600, "km/h": 1 / 3.6, "ft/s": 0.3048, "cm/s": 1e-2, "m
 """In m/s."""
 UNIT_WITHIN = float(np.log(1.05))
 FEWEST = 5
+TOP_SPEED_OVER_S = 10.0
+"""Fixes so far apart in time tell a speed, whatever their noise."""
 COLUMNS = {"dvl": "vx vy vz", "odometry": "vx vy"}
 
 
@@ -152,9 +155,32 @@ def implausible_findings(mission: Mission, dvl: Sensor) -> Iterator[Finding]:
     dropped = mission.dropped.get((dvl.name, "implausible speed"), 0)
     if dropped > len(dvl.series):
         share = dropped / (dropped + len(dvl.series))
+        most_m_s = DvlNoise.model_validate(dvl.noise).max_speed_m_s
+        by_fixes_m_s = _top_speed(mission)
+        if by_fixes_m_s > most_m_s:
+            message = (
+                f"{share:.0%} of its speeds are above the {most_m_s:g} m/s that its card allows, as "
+                f"are the fixes' ({by_fixes_m_s:.1f} m/s)"
+            )
+            fix = f"noise: {{max_speed_m_s: {np.ceil(2.0 * by_fixes_m_s):g}}}"
+            yield Finding("velocity unit", dvl.name, "warning", message, fix)
+            return
         message = (
             f"{share:.0%} of its speeds are implausible: it does not read in m/s, or they mark "
             "what is missing"
         )
         fix = f"{fixes.scale(COLUMNS['dvl'], UNITS['cm/s'])} (if cm/s, 0.001 if mm/s)"
         yield Finding("velocity unit", dvl.name, "warning", message, fix)
+
+
+def _top_speed(mission: Mission) -> float:
+    """Speed that the first receiver's fixes go at, at a twentieth of the time at least, m/s."""
+    gnss = mission.first("gnss")
+    if gnss is None:
+        return 0.0
+    fixes = gnss.series
+    assert isinstance(fixes, GnssSeries)
+    later = np.searchsorted(fixes.t, fixes.t + TOP_SPEED_OVER_S)
+    a = np.flatnonzero(later < len(fixes))
+    moved_m = np.hypot(*(fixes.p_n[later[a], :2] - fixes.p_n[a, :2]).T)
+    return float(np.percentile(moved_m / (fixes.t[later[a]] - fixes.t[a]), 95)) if len(a) else 0.0

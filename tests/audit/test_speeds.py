@@ -105,3 +105,16 @@ def test_speeds_that_no_vehicle_has_are_in_another_unit(n_dropped: int, expected
     dropped = tuple(Rejection(0.0, "dvl", k, "implausible speed") for k in range(n_dropped))
     mission = replace(Mission("m", {"dvl": sensor}), rejections=dropped)
     assert len(list(implausible_findings(mission, sensor))) == expected
+
+
+def test_speeds_that_the_fixes_go_at_too_are_plausible() -> None:
+    """A boat at 6 m/s: what its card says of the fastest is wrong, not the unit."""
+    sensor = dvl(1.0)
+    fast = GnssSeries(
+        t=T, p_n=np.column_stack([6.0 * T, 0.0 * T, 0.0 * T]), sigma=np.full((len(T), 3), 1.0)
+    )
+    dropped = tuple(Rejection(0.0, "dvl", k, "implausible speed") for k in range(9 * len(T)))
+    sensors = {"dvl": sensor, "gnss": Sensor("gnss", "gnss", fast)}
+    (finding,) = implausible_findings(Mission("m", sensors, rejections=dropped), sensor)
+    assert finding.fix == "noise: {max_speed_m_s: 12}"
+    assert "6.0 m/s" in finding.message
