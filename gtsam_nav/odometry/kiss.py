@@ -293,8 +293,8 @@ def _on_misfits(sensor_name: str, n_misfits: int) -> tuple[str, ...]:
     if not n_misfits:
         return ()
     return (
-        f"sensor '{sensor_name}': {n_misfits} times a cloud does not fit onto the one before, and"
-        " there was no gap (they may be too far apart, or too sparse): the motion is a guess there",
+        f"sensor '{sensor_name}': no fit of {n_misfits} of its clouds onto those before, without a"
+        " gap (they may be too far apart or too sparse): the motion to these is a guess",
     )
 
 

@@ -234,7 +234,7 @@ def test_a_misfit_without_a_gap_is_said(mission: Mission, monkeypatch: pytest.Mo
     monkeypatch.setattr(kiss, "LEAST_FITNESS", 2.0)  # no match is good enough
     found = cloud_odometry(mission.crop(0.0, 1.4), KissSettings(), no_progress)
     assert found is not None
-    assert f"{len(found.t) - 1} times a cloud does not fit" in found.warnings[0]
+    assert f"no fit of {len(found.t) - 1} of its clouds" in found.warnings[0]
     assert "gaps" not in found.warnings[0]
 
 
