@@ -94,8 +94,9 @@ def start_at(mission: Mission, t: float) -> tuple[Alignment, tuple[str, ...]]:
 
 def _carried(start: Alignment, t: float) -> Alignment:
     """An earlier start at a later time: who knows how far the vehicle moved and turned since."""
-    sigma_p = np.hypot(start.sigma_p, UNKNOWN_SPEED_M_S * (t - start.t))
-    sigma_yaw = min(np.hypot(start.sigma_rpy[2], UNKNOWN_TURN_RAD_S * (t - start.t)), np.pi)
+    since_s = max(t - start.t - PUNCTUAL_S, 0.0)  # none at first: a start a little later is no jump
+    sigma_p = np.hypot(start.sigma_p, UNKNOWN_SPEED_M_S * since_s)
+    sigma_yaw = min(np.hypot(start.sigma_rpy[2], UNKNOWN_TURN_RAD_S * since_s), np.pi)
     sigma_rpy = np.array([*start.sigma_rpy[:2], sigma_yaw])
     return replace(start, t=t, sigma_p=sigma_p, sigma_rpy=sigma_rpy)
 

@@ -7,14 +7,13 @@ point-to-point pairs hold a pose back, so it is then moved onto the planes of th
 (`registration.surfaces`), which also tell how well it is known. And in waves the velocity of the
 sweep before is the wrong one, so the sweep is deskewed once more with the motion just found.
 The first sweep knows of no motion: it is registered with the second until their motion is known.
-Clouds need not come at a constant rate: a motion is one over time, and what does not fit onto the
-map after a gap begins another.
+Clouds need not come at a constant rate: a motion is one over time (`steady_motion.Wake`). In a gap
+it goes on for a while only, and what does not fit onto the map begins another.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from itertools import chain, pairwise
 
 import numpy as np
@@ -24,7 +23,7 @@ from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission, Rejection
 from gtsam_nav.odometry.cloud_track import CloudTrack, KeyCloud
 from gtsam_nav.odometry.settings import KissSettings
-from gtsam_nav.odometry.steady_motion import AT_REST, SteadyMotion
+from gtsam_nav.odometry.steady_motion import AT_REST, SteadyMotion, Wake
 from gtsam_nav.odometry.sweeps import Sweep, usable_sweeps
 from gtsam_nav.registration.open3d_icp import homogeneous
 from gtsam_nav.registration.packages import kiss_icp
@@ -35,9 +34,13 @@ from gtsam_nav.solution import Progress
 MAX_ITERATIONS, CONVERGED = 20, 1e-3
 """Of the point-to-point registration, which need not settle; the latter in m and rad."""
 LEAST_POINTS = 50
-"""Of a cloud as it is registered: in range, one a voxel."""
+"""Of a cloud, in range."""
+LEAST_VOXELS = 6
+"""Of a cloud as it is registered: fewer points cannot fix a pose."""
 GAP_INTERVALS = 3.0
-"""Clouds so many times further apart than the two before have a gap between them."""
+"""Clouds so many times further apart than usual have a gap between them."""
+LONGEST_COAST_S = 5.0
+"""A motion over one interval, and its noise, may go on so long through a gap."""
 WIDEST_SPREAD_M = 4.0
 """How far a pose may lie off the expected one, one standard deviation, however long ago it was."""
 LEAST_FITNESS, SURE_FITNESS = 0.5, 0.8
@@ -60,7 +63,9 @@ class KissOdometry:
     Attributes
     ----------
     map : int
-        Number of the local map, from zero: what cannot be matched after a gap begins another.
+        Number of the local map, from zero: what cannot be matched begins another.
+    n_gaps : int
+        How many of these began after a gap.
     """
 
     def __init__(self, settings: KissSettings) -> None:
@@ -71,18 +76,21 @@ class KissOdometry:
         config.registration.max_num_iterations = MAX_ITERATIONS
         config.registration.convergence_criterion = CONVERGED
         config.registration.max_num_threads = 1  # sums are then the same every time
-        self.map = 0
+        self.map = self.n_gaps = 0
         self._voxel_m = settings.voxel_m
         floor = np.r_[[np.radians(settings.floor_deg)] * 3, [settings.floor_m] * 3]
         self._floor = np.diag(floor**2)
         self._kiss = kiss_icp(purpose, "kiss_icp").KissICP(config)
-        self._motion = AT_REST
+        self._motion, self._wake = AT_REST, Wake()
         self._t, self._T_ob = -np.inf, np.eye(4)
 
     def has_enough(self, points_b: Array) -> bool:
-        """Whether a cloud (k, 3) keeps enough points, in range and one a voxel, to be placed."""
-        coarse, _ = self._deskewed(Sweep(0.0, points_b), AT_REST)
-        return len(coarse) >= LEAST_POINTS
+        """Whether a cloud (k, 3) keeps enough points in range, not all in one place."""
+        in_range = self._kiss.preprocessor.preprocess(points_b, np.empty(0), np.eye(4))
+        if len(in_range) < LEAST_POINTS:
+            return False
+        coarse, _ = self._kiss.voxelize(in_range)
+        return len(coarse) >= LEAST_VOXELS
 
     def place(self, sweep: Sweep, following: Sweep | None) -> tuple[RelativePose, Array]:
         """Place the next cloud, which `has_enough`.
@@ -104,17 +112,21 @@ class KissOdometry:
         if self._t == -np.inf:
             return self._begin(sweep, following, self._T_ob)
         since_s = sweep.t - self._t
-        is_gap = since_s > GAP_INTERVALS * self._motion.span_s
-        expected = self._T_ob @ self._motion.over(since_s)
-        T_ob, thinned, found = self._match(sweep, expected)
+        is_gap = since_s > GAP_INTERVALS * self._wake.pace_s
+        expected = self._expected(sweep.t, is_gap)
+        # within a gap the vehicle may have stopped
+        starts = [expected, self._T_ob] if is_gap else [expected]
+        matches = [self._match(sweep, start) for start in starts]
+        T_ob, thinned, found = max(matches, key=lambda match: match[2].fitness)
         if found.fitness < (SURE_FITNESS if is_gap else LEAST_FITNESS):
-            self._motion = replace(self._motion, span_s=since_s)  # they may go on at this pace
             self.map += 1
+            self.n_gaps += is_gap
             return self._begin(sweep, following, expected)
         if not is_gap:
             deviation = np.linalg.inv(expected) @ T_ob
             self._kiss.adaptive_threshold.update_model_deviation(deviation)
-        self._motion = SteadyMotion.through(np.linalg.inv(self._T_ob) @ T_ob, since_s)
+        self._motion = self._wake.motion_to(sweep.t, T_ob, sweep.span_s)
+        self._wake.add(sweep.t, T_ob)
         self._t, self._T_ob = sweep.t, T_ob
         self._kiss.local_map.update(thinned, T_ob)
         cov = match_covariance(found, self._voxel_m)
@@ -131,15 +143,26 @@ class KissOdometry:
         found of it: the pair is registered again with each motion found.
         """
         self._t, self._T_ob = sweep.t, T_ob
+        self._wake.break_off(sweep.t, T_ob)
         thinned = self._lay(sweep)
-        longest_s = GAP_INTERVALS * self._motion.span_s
+        longest_s = GAP_INTERVALS * self._wake.pace_s
         if following is not None and following.t - sweep.t <= longest_s:
             for _ in range(FIRST_ROUNDS):
-                to_next_s = following.t - sweep.t
-                there, _, _ = self._match(following, T_ob @ self._motion.over(to_next_s))
-                self._motion = SteadyMotion.through(np.linalg.inv(T_ob) @ there, to_next_s)
+                there, _, _ = self._match(following, self._expected(following.t, False))
+                self._motion = self._wake.motion_to(following.t, there, following.span_s)
                 thinned = self._lay(sweep)
         return RelativePose(T_ob[:3, :3], T_ob[:3, 3], self._floor), thinned
+
+    def _expected(self, t: float, is_gap: bool) -> Array:
+        """Where the vehicle is at a time, shape (4, 4), if it goes on as it did for a while."""
+        from scipy.spatial.transform import Rotation
+
+        # the first stamps may jitter: their motion is not believed for long
+        longest_s = LONGEST_COAST_S if is_gap else GAP_INTERVALS * self._motion.span_s
+        there = self._T_ob @ self._motion.over(min(t - self._t, longest_s))
+        # KISS-ICP ends the process where a rotation is none by rounding
+        R_ob = Rotation.from_matrix(there[:3, :3]).as_matrix()
+        return homogeneous(R_ob, there[:3, 3])
 
     def _lay(self, sweep: Sweep) -> Array:
         """Make the map of one cloud alone, which it returns as it lies there."""
@@ -150,19 +173,19 @@ class KissOdometry:
 
     def _match(self, sweep: Sweep, expected: Array) -> tuple[Array, Array, Alignment]:
         """Register a cloud to the map: its pose, its points for the map, how they lie on it."""
-        kiss, since_s = self._kiss, sweep.t - self._t
+        kiss = self._kiss
         planes = Surfaces(np.asarray(kiss.local_map.point_cloud()))
         coarse, thinned = self._deskewed(sweep, self._motion)
         # the longer ago, the less is known of where it is now
-        longer = max(since_s / self._motion.span_s, 1.0)
+        longer = max((sweep.t - self._t) / self._wake.pace_s, 1.0)
         spread = min(kiss.adaptive_threshold.get_threshold() * longer, WIDEST_SPREAD_M)
         T_ob = kiss.registration.align_points_to_map(
             coarse, kiss.local_map, expected, 3 * spread, spread
         )
         R_ob, p_o, found = planes.refine(coarse, T_ob[:3, :3], T_ob[:3, 3], self._voxel_m)
         if sweep.span_s:
-            moved = np.linalg.inv(self._T_ob) @ homogeneous(R_ob, p_o)
-            coarse, thinned = self._deskewed(sweep, SteadyMotion.through(moved, since_s))
+            motion = self._wake.motion_to(sweep.t, homogeneous(R_ob, p_o), sweep.span_s)
+            coarse, thinned = self._deskewed(sweep, motion)
             R_ob, p_o, found = planes.refine(coarse, R_ob, p_o, self._voxel_m)
         return homogeneous(R_ob, p_o), thinned, found
 
@@ -219,8 +242,7 @@ def cloud_odometry(
             key.append(KeyCloud(sweep.t, pose, thinned, sweep.index, odometry.map))
         progress("cloud odometry", (sweep.index + 1) / len(sensor.series))
     if len(key) < 2:
-        why = f": {rejections[0].reason}" if rejections else ""
-        raise EstimationError(f"sensor '{sensor.name}': fewer than two clouds can be used{why}")
+        raise EstimationError(f"sensor '{sensor.name}': {_too_few(t, rejections, settings)}")
     return CloudTrack(
         sensor=sensor.name,
         t=np.array(t),
@@ -231,9 +253,21 @@ def cloud_odometry(
         warnings=(
             *_on_twins(mission),
             *_on_times(sensor.name, n_timeless),
-            *_on_gaps(sensor.name, odometry.map),
+            *_on_gaps(sensor.name, odometry.n_gaps),
+            *_on_misfits(sensor.name, odometry.map - odometry.n_gaps),
         ),
     )
+
+
+def _too_few(t: list[float], rejections: list[Rejection], settings: KissSettings) -> str:
+    """Why clouds placed at some times are no odometry."""
+    if len(t) > 1:
+        return (
+            f"its {len(t)} clouds end within {t[-1] - t[0]:.3g} s: shorter than"
+            f" kiss.keyframe_interval_s, {settings.keyframe_interval_s:g} s"
+        )
+    why = f": {rejections[0].reason}" if rejections else ""
+    return f"fewer than two clouds can be used{why}"
 
 
 def _on_times(sensor_name: str, n_timeless: int) -> tuple[str, ...]:
@@ -252,6 +286,15 @@ def _on_gaps(sensor_name: str, n_gaps: int) -> tuple[str, ...]:
     return (
         f"sensor '{sensor_name}': after {n_gaps} of its gaps the clouds do not fit onto those"
         " before: the motion over these is a guess",
+    )
+
+
+def _on_misfits(sensor_name: str, n_misfits: int) -> tuple[str, ...]:
+    if not n_misfits:
+        return ()
+    return (
+        f"sensor '{sensor_name}': no fit of {n_misfits} of its clouds onto those before, without a"
+        " gap (they may be too far apart or too sparse): the motion to these is a guess",
     )
 
 

@@ -96,11 +96,19 @@ def test_a_start_that_nothing_tells_later_is_carried_and_said() -> None:
     assert start.georeferenced
     assert start.heading_known
     np.testing.assert_allclose(start.p_n, [0.0, 0.0, 3.0], atol=1e-9)
-    np.testing.assert_allclose(start.sigma_p, [np.hypot(0.5, 30.0)] * 2 + [0.02])
+    np.testing.assert_allclose(start.sigma_p, [np.hypot(0.5, 28.0)] * 2 + [0.02])
     assert start.rpy[2] == 0.2
-    assert start.sigma_rpy[2] > 3.0
+    assert start.sigma_rpy[2] == pytest.approx(np.hypot(0.03, 2.8))
     assert "begin 30 s after the other sensors" in warnings[0]
     assert "the position and the heading" in warnings[0]
+
+
+def test_what_is_carried_grows_from_the_start_on() -> None:
+    stated = InitialState(np.zeros(3), 0.1, 0.2, 0.01)
+    alone = underway(stated).without("gnss", "heading")
+    within, beyond = (start_at(alone, t)[0] for t in (1.99, 2.01))
+    np.testing.assert_allclose(beyond.sigma_p, within.sigma_p, rtol=0.01)
+    np.testing.assert_allclose(beyond.sigma_rpy, within.sigma_rpy, rtol=0.01)
 
 
 def test_clouds_from_the_beginning_take_the_stated_start() -> None:

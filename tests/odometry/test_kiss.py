@@ -15,7 +15,7 @@ from gtsam_nav.frames import quaternion_from_rpy
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.odometry import kiss
 from gtsam_nav.odometry.cloud_track import CloudTrack
-from gtsam_nav.odometry.kiss import cloud_odometry
+from gtsam_nav.odometry.kiss import KissOdometry, cloud_odometry
 from gtsam_nav.odometry.settings import KissSettings
 from gtsam_nav.series import Cloud, CloudSeries, ReferenceSeries
 from gtsam_nav.simulation import SimulationSettings, make_scenario, simulate
@@ -194,6 +194,62 @@ def test_a_gap_is_bridged_or_known_for_a_guess(gap_s: float) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("late_s", [0.0, 0.14, 0.19, 0.199])
+def test_stamps_that_come_in_pairs_do_no_harm(mission: Mission, late_s: float) -> None:
+    sensor, series = clouds_of(mission)
+    bare = tuple(Cloud(c.points_s) for c in series.clouds if isinstance(c, Cloud))
+    stamps = series.t + np.where(np.arange(len(bare)) % 2, late_s, 0.0)
+    paired = mission.with_sensor(replace(sensor, series=CloudSeries(t=stamps, clouds=bare)))
+    found = cloud_odometry(paired, KissSettings(), no_progress)
+    assert found is not None
+    assert found.warnings == ()
+    there = truth_of(mission).interpolate(series.t[1:] + 0.1)  # the middle of a sweep, about
+    far, true = (np.linalg.norm(p[-1] - p[0]) for p in (found.p_o[1:], there.p_n))
+    assert abs(far - true) < 0.3
+
+
+@pytest.mark.slow
+def test_over_an_hour_at_rest_it_stays(mission: Mission) -> None:
+    """The noise of a motion does not go on through it."""
+    sensor, series = clouds_of(mission)
+    rng = np.random.default_rng(0)
+    still = series.clouds[0]
+    assert isinstance(still, Cloud)
+    clouds = tuple(
+        Cloud(still.points_s + rng.normal(0, 0.02, still.points_s.shape)) for _ in "12345678"
+    )
+    t = np.r_[0.1 * np.arange(4), 3600.0 + 0.1 * np.arange(4)]
+    found = cloud_odometry(
+        mission.with_sensor(replace(sensor, series=CloudSeries(t=t, clouds=clouds))),
+        KissSettings(keyframe_interval_s=0.1),
+        no_progress,
+    )
+    assert found is not None
+    assert found.warnings == ()
+    assert np.abs(found.p_o).max() < 0.05
+
+
+@pytest.mark.slow
+def test_a_misfit_without_a_gap_is_said(mission: Mission, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kiss, "LEAST_FITNESS", 2.0)  # no match is good enough
+    found = cloud_odometry(mission.crop(0.0, 1.4), KissSettings(), no_progress)
+    assert found is not None
+    assert f"no fit of {len(found.t) - 1} of its clouds" in found.warnings[0]
+    assert "gaps" not in found.warnings[0]
+
+
+def test_a_small_tank_is_enough() -> None:
+    rng = np.random.default_rng(0)
+    wall = rng.uniform(-3.0, 3.0, (600, 3)) * [1.0, 1.0, 0.5]
+    wall[:300, 0], wall[300:, 1] = 3.0, -3.0
+    odometry = KissOdometry(KissSettings())
+    assert odometry.has_enough(wall)
+    assert not odometry.has_enough(wall[:40])
+    assert not odometry.has_enough(2.0 + 0.1 * rng.uniform(size=(600, 3)))
+    assert not odometry.has_enough(wall + 200.0)
+
+
+@pytest.mark.slow
 def test_another_pace_is_a_gap_once(mission: Mission, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(kiss, "SURE_FITNESS", 2.0)  # no match is good enough
     sensor, series = clouds_of(mission)
@@ -233,6 +289,11 @@ def test_clouds_without_points_are_no_odometry(mission: Mission) -> None:
     why = "sensor 'lidar': fewer than two clouds can be used: a cloud of too few points"
     with pytest.raises(EstimationError, match=why):
         cloud_odometry(with_clouds(mission, empty), KissSettings(), no_progress)
+
+
+def test_clouds_within_one_keyframe_interval_are_said_to_be(mission: Mission) -> None:
+    with pytest.raises(EstimationError, match=r"3 clouds end within 0\.4 s: shorter"):
+        cloud_odometry(mission.crop(0.0, 0.55), KissSettings(), no_progress)
 
 
 def test_a_mission_without_clouds_has_none(mission: Mission) -> None:

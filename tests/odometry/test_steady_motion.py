@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
-from gtsam_nav.odometry.steady_motion import AT_REST, SteadyMotion
+from gtsam_nav.odometry.steady_motion import AT_REST, SteadyMotion, Wake
 from gtsam_nav.registration.open3d_icp import homogeneous
 
 
@@ -23,3 +24,60 @@ def test_it_stays_on_its_circle() -> None:
 
 def test_a_body_at_rest_stays() -> None:
     np.testing.assert_array_equal(AT_REST.over(10.0), np.eye(4))
+
+
+def test_however_long_it_goes_on_it_stays_rigid() -> None:
+    rounded = on_circle(0.1) + 1e-7 * np.ones((4, 4))
+    T = SteadyMotion.through(rounded, 0.1).over(3600.0)
+    np.testing.assert_allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-9)
+    np.testing.assert_allclose(T[3], [0.0, 0.0, 0.0, 1.0], atol=1e-12)
+
+
+def speeds_by(stamps: np.ndarray) -> np.ndarray:
+    """Of what moves 0.2 m from each pose to the next, as its wake tells after a few, m/s."""
+    wake, found = Wake(), []
+    for k, t in enumerate(stamps):
+        T = homogeneous(np.eye(3), np.array([0.2 * k, 0.0, 0.0]))
+        if k:
+            found.append(float(wake.motion_to(t, T, 0.0).rates[0, 3]))
+        wake.add(t, T)
+    return np.array(found[3:])
+
+
+@pytest.mark.parametrize("late_s", [0.08, 0.09, 0.099])
+@pytest.mark.parametrize("which", [0, 1])
+def test_stamps_in_pairs_tell_no_faster_motion(late_s: float, which: int) -> None:
+    stamps = 0.1 * np.arange(20)
+    stamps[which::2] += late_s
+    speeds = speeds_by(stamps)
+    assert speeds.max() < 2.5
+    assert speeds.min() > 1.0
+
+
+def test_jitter_of_stamps_is_not_blown_up() -> None:
+    jitter = np.random.default_rng(0).uniform(-0.045, 0.045, 200)
+    assert speeds_by(0.1 * np.arange(200) + jitter).max() < 4.5  # ten times without
+
+
+def test_a_motion_takes_as_long_as_its_sweep() -> None:
+    wake = Wake()
+    wake.add(0.0, np.eye(4))
+    there = homogeneous(np.eye(3), np.array([0.2, 0.0, 0.0]))
+    assert wake.motion_to(0.001, there, 0.1).rates[0, 3] == pytest.approx(0.2 / 0.09)
+
+
+def test_clouds_that_are_really_unevenly_apart_tell_each_motion() -> None:
+    wake = Wake()
+    for t in (0.0, 0.2, 0.6, 0.8, 1.2, 1.4):
+        wake.add(t, on_circle(t))
+    np.testing.assert_allclose(wake.motion_to(1.8, on_circle(1.8), 0.2).over(0.4), on_circle(0.4))
+    assert wake.motion_to(1.6, on_circle(1.6), 0.2).span_s == pytest.approx(0.2)
+
+
+def test_one_gap_is_no_pace() -> None:
+    wake = Wake()
+    for t in (0.0, 0.2, 0.4, 0.6, 5.0):
+        wake.add(t, np.eye(4))
+    assert wake.pace_s == pytest.approx(0.2)
+    wake.break_off(9.0, np.eye(4))
+    assert wake.pace_s == pytest.approx(4.0)
