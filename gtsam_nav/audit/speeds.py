@@ -159,8 +159,8 @@ def implausible_findings(mission: Mission, dvl: Sensor) -> Iterator[Finding]:
         by_fixes_m_s = _top_speed(mission)
         if by_fixes_m_s > most_m_s:
             message = (
-                f"{share:.0%} of its speeds are above the {most_m_s:g} m/s that its card allows, as "
-                f"are the fixes' ({by_fixes_m_s:.1f} m/s)"
+                f"{share:.0%} of its speeds are above the {most_m_s:g} m/s of its card, as "
+                f"are those of the fixes ({by_fixes_m_s:.1f} m/s)"
             )
             fix = f"noise: {{max_speed_m_s: {np.ceil(2.0 * by_fixes_m_s):g}}}"
             yield Finding("velocity unit", dvl.name, "warning", message, fix)
