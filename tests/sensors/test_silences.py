@@ -12,6 +12,7 @@ from gtsam_nav.sensors.silences import (
     said_of_silences,
     silences,
     silent_spells,
+    since_heard,
     speaks_at,
 )
 from gtsam_nav.series import DepthSeries
@@ -76,3 +77,8 @@ def test_what_is_no_silence_yet_goes_with_the_usual_step() -> None:
     assert longest_step_s(np.arange(0.0, 9.0, 0.1)) == 1.0
     assert longest_step_s(np.arange(0.0, 90.0, 10.0)) == 50.0
     assert longest_step_s(np.zeros(1)) == 1.0
+
+
+def test_sums_begin_anew_whenever_something_is_heard() -> None:
+    sums, heard = np.arange(6.0), np.array([False, False, True, False, False, True])
+    np.testing.assert_array_equal(since_heard(sums, heard), [0.0, 1.0, 0.0, 1.0, 2.0, 0.0])
