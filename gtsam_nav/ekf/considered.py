@@ -8,7 +8,7 @@ Schmidt, *Application of state-space methods to navigation problems* (1966).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import accumulate
 
 import numpy as np
@@ -17,6 +17,8 @@ from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission
 from gtsam_nav.sensors.noise import HeadingNoise
 from gtsam_nav.sensors.odometry import curvature_sigma, velocity_calibration_sigma
+from gtsam_nav.sensors.silences import is_heard, longest_step_s, since_heard
+from gtsam_nav.series import BoolArray
 from gtsam_nav.trajectory import Trajectory
 
 
@@ -34,6 +36,8 @@ class ConsideredErrors:
         Constant error of the speed, as a share of it.
     curvature : float
         Constant turn that odometry does not notice where it tells the turns, rad a metre.
+    headings_s : ndarray, shape (k,)
+        Stamps of the compass, which tells them instead unless it is silent.
     """
 
     heading: float
@@ -42,6 +46,7 @@ class ConsideredErrors:
     misalignment: float
     scale: float
     curvature: float = 0.0
+    headings_s: Array = field(default_factory=lambda: np.empty(0))
 
     @classmethod
     def of(cls, mission: Mission) -> ConsideredErrors:
@@ -53,8 +58,21 @@ class ConsideredErrors:
         noise = HeadingNoise.model_validate(compass.noise)
         constant, disturbance = np.radians([noise.bias_sigma_deg, noise.disturbance_sigma_deg])
         return cls(
-            float(constant), float(disturbance), noise.disturbance_time_s, misalignment, scale
+            float(constant),
+            float(disturbance),
+            noise.disturbance_time_s,
+            misalignment,
+            scale,
+            curvature_sigma(mission),
+            compass.series.t,
         )
+
+    def hears_compass(self, t: Array) -> BoolArray:
+        """Whether a compass tells the turns at times (n,)."""
+        stamps = self.headings_s
+        if not len(stamps):
+            return np.zeros(len(t), dtype=bool)
+        return is_heard(stamps, t, longest_step_s(stamps))
 
     @property
     def constant(self) -> ConsideredErrors:
@@ -79,7 +97,7 @@ def with_considered(track: Trajectory, errors: ConsideredErrors) -> Trajectory:
     cov[:, :2, :2] += wandered + turned2 * aside[:, :, None] * aside[:, None]
     cov[:, :2, :2] += errors.scale**2 * way[:, :, None] * way[:, None]
     cov[:, 5, 5] += errors.heading**2 + errors.disturbance**2
-    ahead_m, swept, lacking = _turned_by_curvature(track, way, errors.curvature)
+    ahead_m, swept, lacking = _turned_by_curvature(track, way, errors)
     cov[:, :2, :2] += errors.curvature**2 * swept[:, :, None] * swept[:, None]
     cov[:, :2, :2] += lacking[:, :, None] * lacking[:, None]
     cov[:, 5, 5] += errors.curvature**2 * ahead_m**2
@@ -95,13 +113,17 @@ def with_considered(track: Trajectory, errors: ConsideredErrors) -> Trajectory:
     return replace(track, cov_pose_n=cov, sigma_v_n=np.sqrt(variance_v))
 
 
-def _turned_by_curvature(track: Trajectory, way: Array, sigma: float) -> tuple[Array, Array, Array]:
+def _turned_by_curvature(
+    track: Trajectory, way: Array, errors: ConsideredErrors
+) -> tuple[Array, Array, Array]:
     """By what one radian a metre turns the course (n,) and moves the position aside (n, 2), and by
     what the way falls short (n, 2): of a course far off only the cosine lies along it."""
     steps = np.diff(way, axis=0)
-    ahead_m = np.append(0.0, np.cumsum(np.sum(track.R_nb[:-1, :2, 0] * steps, axis=1)))
+    driven_m = np.append(0.0, np.cumsum(np.sum(track.R_nb[:-1, :2, 0] * steps, axis=1)))
+    # a heading ends the turn, not what it has led to
+    ahead_m = since_heard(driven_m, errors.hears_compass(track.t))
     middle = 0.5 * (ahead_m[1:] + ahead_m[:-1])
-    turned2 = (sigma * middle) ** 2
+    turned2 = (errors.curvature * middle) ** 2
     # mean square of one less the cosine
     short2 = 1.5 - 2.0 * np.exp(-0.5 * turned2) + 0.5 * np.exp(-2.0 * turned2)
     aside = middle[:, None] * steps[:, ::-1] * [-1.0, 1.0]

@@ -30,6 +30,7 @@ from gtsam_nav.preprocess.settings import MotionSettings
 from gtsam_nav.sensors.noise import HeadingNoise
 from gtsam_nav.sensors.orientation import tilt_at
 from gtsam_nav.sensors.prediction import chi2_limit
+from gtsam_nav.sensors.silences import said_of_silences
 from gtsam_nav.solution import Innovations, Progress, Solution, StageClock
 from gtsam_nav.trajectory import SAME_TIME_S, Trajectory, record_times
 
@@ -103,11 +104,18 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
         mission=mission,
         georeferenced=start.georeferenced and start.heading_known,
         rejections=(*mission.rejections, *reckoned.rejections),
-        warnings=mission.warnings,
+        warnings=(*mission.warnings, *_said_of_compass(mission)),
         innovations=reckoned.innovations,
         gnss_used=fixes_used(mission, start),
         stage_s=clock.seconds,
     )
+
+
+def _said_of_compass(mission: Mission) -> Iterator[str]:
+    compass = mission.first("heading")
+    if compass is not None:
+        instead = "the odometry" if mission.first("odometry") else "nothing"
+        yield from said_of_silences(compass, mission, f"{instead} tells the turns")
 
 
 def fixes_used(mission: Mission, start: Alignment) -> int:

@@ -11,8 +11,11 @@ starboard increments d_x, d_y and a turn d_phi, each with zero-mean Gaussian noi
     d_e     = d_x sin(course) + d_y cos(course)
     n      += (m + k + s) d_n - a d_e
     e      += (m + k + s) d_e + a d_n
-    course += d_phi + c d_x + f b - w
+    course += d_phi + c d_c + f b - w
     b      += -f b + w
+
+The way d_c that a curvature turns is that over which wheels tell the turns; a compass that is heard
+again takes off what they had turned.
 
 Of a step only the cosine of the course's error lies along the course. Its mean m (one in the paper)
 shortens the way, and what it differs from it, s, wanders with the course as an error of scale does:
@@ -102,7 +105,8 @@ class PlanarVehicle:
         A[:2, 2] = -moved_e, moved_n
         A[:2, 3] = A[:2, 6] = north, east
         A[:2, 7] = -east, north
-        A[2, 4], A[2, 5], A[5, 5] = dx, forgotten, 1 - forgotten
+        bent_m = float(self._increments.bent_m[k])
+        A[2, 4], A[2, 5], A[5, 5] = bent_m, forgotten, 1 - forgotten
         W = np.zeros((8, 3))
         W[:3] = [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]
         variance = self._increments.variance[k].copy()
@@ -113,7 +117,7 @@ class PlanarVehicle:
         A[6, 6], shortening_variance = _wandered(P, A[2], float(variance[2]))
         step = np.zeros(8)
         step[:2] = moved_n, moved_e
-        step[2] = self._increments.turn[k] + curvature * dx + forgotten * compass_error
+        step[2] = self._increments.turn[k] + curvature * bent_m + forgotten * compass_error
         step[5] = -forgotten * compass_error
         step[6] = (A[6, 6] - 1) * shortening
         self._v_n = np.array([step[0] / self._dt[k], step[1] / self._dt[k], 0.0])

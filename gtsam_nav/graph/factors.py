@@ -195,6 +195,12 @@ def turn(a: int, b: int, R_ab: Array, precision: float) -> Any:
     return gtsam.BetweenFactorNavState(a, b, nav_state(R_ab, np.zeros(3), np.zeros(3)), noise)
 
 
+def tilting(a: int, b: int, R_ab: Array, precision: float) -> Any:
+    """Roll and pitch from keyframe a to b, and nothing else."""
+    noise = precisions([precision, precision, *[0] * 7])
+    return gtsam.BetweenFactorNavState(a, b, nav_state(R_ab, np.zeros(3), np.zeros(3)), noise)
+
+
 @lru_cache(maxsize=KEPT_NOISES)
 def _depth_noise(sigma: float) -> Any:
     return precisions([0, 0, 1 / sigma**2])

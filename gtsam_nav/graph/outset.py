@@ -15,7 +15,7 @@ from gtsam_nav.config import Config
 from gtsam_nav.frames import Array
 from gtsam_nav.graph.clocks import Clocks, find_clocks
 from gtsam_nav.graph.keyframes import keyframe_times, merged_anchors
-from gtsam_nav.graph.measurements.imu import own_motion, preintegrable, silences
+from gtsam_nav.graph.measurements.imu import HABIT_S, own_motion, preintegrable, silences
 from gtsam_nav.graph.robust import check_sigmas
 from gtsam_nav.graph.taken import twins_taken
 from gtsam_nav.mission import Mission
@@ -180,7 +180,8 @@ def _start_on_map(mission: Mission, config: Config) -> Alignment | None:
 
 def mission_keyframes(mission: Mission, t_scans: Array, t_clouds: Array, config: Config) -> Array:
     """Keyframes at edges' poses, scans, clouds and sightings; where the IMU carries all, at fixes
-    and silences too; and often where, or while, a compass alone tells the turns."""
+    and silences too, at silences also where no AHRS tells the tilt; and often where, or while, a
+    compass alone tells the turns."""
     stated = None if mission.edges is None else np.unique(mission.edges.t)
     if stated is not None and moves_by_edges(mission):  # there is nothing between their poses
         return stated
@@ -197,6 +198,10 @@ def mission_keyframes(mission: Mission, t_scans: Array, t_clouds: Array, config:
         elif headings_true(mission) is not None:
             step_s = _compass_interval_s(mission)
             anchors += [np.append(np.arange(a, b, step_s), b) for a, b in silent if b - a > step_s]
+        begin, end = mission.span_s
+        if mission.first("attitude") is None and len(silent) * HABIT_S < end - begin:
+            # the readings on either side tell the tilt: none is bridged with the silence
+            anchors += [silent.ravel()]
     if turned_by_compass(mission):
         interval_s = min(interval_s, _compass_interval_s(mission))
     merged = merged_anchors(anchors, config.graph.anchor_spacing_s, stated)

@@ -76,5 +76,6 @@ def inertial_path(mission: Mission, settings: MotionSettings) -> InertialPath:
         course_is_heading=False,
         scale_sigma=0.0,
         curvature_sigma=0.0,
+        bent_m=white,
     )
     return InertialPath(motion, noise, sigma_v, sigma_a)

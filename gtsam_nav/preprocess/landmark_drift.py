@@ -55,7 +55,7 @@ def of_odometry(increments: Increments, scale_sigma: float, curvature_sigma: flo
     return Drift(
         sigma=np.array([scale_sigma, curvature_sigma]),
         displacement=np.stack([moved_b, np.zeros((k, 2))], axis=2),
-        turn=np.column_stack([nothing, moved_b[:, 0]]),
+        turn=np.column_stack([nothing, increments.bent_m]),
         transition=np.tile(np.eye(2), (k, 1, 1)),
         noise=np.zeros((k, 2, 2)),
     )

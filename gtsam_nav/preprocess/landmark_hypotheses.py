@@ -68,7 +68,8 @@ class Sighted:
         back = -np.column_stack(
             [c * moved[:, 0] + s * moved[:, 1], c * moved[:, 1] - s * moved[:, 0]]
         )
-        increments = Increments(back[::-1], -turn[::-1], self.increments.variance[::-1])
+        variance, bent_m = self.increments.variance[::-1], -self.increments.bent_m[::-1]
+        increments = Increments(back[::-1], -turn[::-1], variance, bent_m)
         seen = SightedPoints(
             len(turn) - self.seen.pose[::-1], self.seen.p_b[::-1], self.seen.cov_b[::-1]
         )

@@ -21,8 +21,8 @@ from gtsam_nav.sensors.noise import DvlNoise, HeadingNoise, ImuNoise, OdometryNo
 from gtsam_nav.sensors.odometry import curvature_sigma
 from gtsam_nav.sensors.orientation import headings_true, in_level_axes
 from gtsam_nav.sensors.rates import angular_rate_b, mean_gyro_bias_b
-from gtsam_nav.sensors.silences import longest_step_s
-from gtsam_nav.series import HeadingSeries, ImuSeries, OdometrySeries
+from gtsam_nav.sensors.silences import longest_step_s, since_heard
+from gtsam_nav.series import BoolArray, HeadingSeries, ImuSeries, OdometrySeries
 
 
 @dataclass(frozen=True)
@@ -37,11 +37,14 @@ class Increments:
         Clockwise, rad.
     variance : ndarray, shape (k, 3)
         Of the three.
+    bent_m : ndarray, shape (k,)
+        Over what way odometry told the turn, and so its curvature counts, m.
     """
 
     displacement_b: Array
     turn: Array
     variance: Array
+    bent_m: Array
 
 
 @dataclass(frozen=True)
@@ -62,7 +65,10 @@ class PlanarMotion:
     scale_sigma : float
         Spread of the constant error of the speeds, as a share of them.
     curvature_sigma : float
-        Spread of the constant error of the turns, rad a metre.
+        Spread of the constant error of the turns, rad a metre; zero where odometry tells none.
+    bent_m : ndarray, shape (n,)
+        Over what way it has turned each course: that ahead since the compass was last
+        heard, m.
     misalignment_sigma : float
         Spread of the constant error of the speeds' direction, rad.
     disturbance_sigma, disturbance_time_s : float
@@ -80,6 +86,7 @@ class PlanarMotion:
     course_is_heading: bool
     scale_sigma: float
     curvature_sigma: float
+    bent_m: Array
     misalignment_sigma: float = 0.0
     disturbance_sigma: float = 0.0
     disturbance_time_s: float = 1.0
@@ -98,7 +105,10 @@ class PlanarMotion:
         variance = np.diff(variance, axis=0)
         variance[:, :2] += self._by_current(np.diff(self._tracked_s(t)))[:, None]
         return Increments(
-            np.column_stack([c * north + s * east, c * east - s * north]), np.diff(course), variance
+            np.column_stack([c * north + s * east, c * east - s * north]),
+            np.diff(course),
+            variance,
+            np.diff(np.interp(t, self.t, self.bent_m)),
         )
 
     def at(self, t: Array) -> tuple[Array, Array, Array]:
@@ -187,6 +197,8 @@ def planar_motion(
     moved = _summed(walk)
     variance = np.column_stack([moved, moved, course_variance])
     compass = _compass_errors(mission) if is_heading else (0.0, 1.0, 0.0)
+    driven_m = np.append(0.0, np.cumsum(0.5 * (ahead[1:] + ahead[:-1]) * dt))
+    bent_m = since_heard(driven_m, _hears_compass(mission, t)) if is_heading else driven_m
     return PlanarMotion(
         t,
         _summed(steps),
@@ -194,7 +206,8 @@ def planar_motion(
         variance,
         is_heading,
         readings.scale_sigma,
-        0.0 if is_heading else curvature_sigma(mission),
+        curvature_sigma(mission) if np.any(bent_m) else 0.0,
+        bent_m,
         readings.misalignment_sigma,
         *compass,
         current_sigma=readings.current_sigma,
@@ -281,6 +294,14 @@ def _course(mission: Mission, t: Array, settings: MotionSettings) -> tuple[Array
             f" does. The mission has: {', '.join(sorted(mission.sensors))}"
         )
     return np.interp(t, rates.t, rates.turned), rates.walk_at(t), False
+
+
+def _hears_compass(mission: Mission, t: Array) -> BoolArray:
+    """Whether a compass tells the course at times (n,)."""
+    compass = mission.first("heading")
+    assert compass is not None
+    stamps = compass.series.t
+    return TurnSource(stamps, stamps, longest_step_s(stamps)).tells(t)
 
 
 def _by_compass(headings: HeadingSeries, rates: RateTurns | None, t: Array) -> tuple[Array, Array]:

@@ -81,6 +81,12 @@ def is_heard(stamps: Array, t: Array, longest_s: float) -> BoolArray:
     return np.asarray((np.minimum(*around) <= longest_s) & (beyond_s <= longest_s))
 
 
+def since_heard(sums: Array, heard: BoolArray) -> Array:
+    """What running sums (n,) have grown by since something was last heard, or since the first."""
+    last = np.maximum.accumulate(np.where(heard, np.arange(len(sums)), 0))
+    return np.asarray(sums - sums[last])
+
+
 def _usual_step_s(t: Array) -> float:
     """The step around a random moment, so that samples in bursts are as far apart as these, s."""
     if len(t) < 2:

@@ -337,6 +337,37 @@ def test_while_the_compass_is_silent_the_wheels_tell_the_turns(by_dvl: bool) -> 
     assert turned[2] - turned[1] == pytest.approx(0.05 * (DURATION_S - 22.0), rel=0.05)
 
 
+def test_wheels_that_bridge_a_silent_compass_are_as_uncertain_as_their_turns() -> None:
+    """From 20 s to 50 s by a degree a metre; the first headings after that end it."""
+    both = straight().without("dvl").with_sensor(odometry(yaw_rate=0.0))
+    compass, turn = both.sensors["heading"], np.radians(1.0)
+    t = compass.series.t
+    series = replace(compass, series=compass.series.select((t < 20.0) | (t > 50.0)))
+    solution = gn.estimate(both.with_sensor(series), "dr")
+    (said,) = (w for w in solution.warnings if "'heading' is silent" in w)
+    assert said.endswith("the odometry tells the turns")
+    track = solution.trajectory
+    assert track.cov_pose_n is not None
+    sigma_p = np.sqrt(np.trace(track.cov_pose_n[:, :2, :2], axis1=1, axis2=2))
+    sigma_yaw = np.sqrt(track.cov_pose_n[:, 5, 5])
+    before, late, after = np.searchsorted(track.t, [19.0, 49.0, 55.0])
+    way_m = SPEED_M_S * (track.t[late] - 20.0)
+    assert sigma_yaw[late] == pytest.approx(np.hypot(sigma_yaw[before], turn * way_m), rel=0.05)
+    assert sigma_p[late] > np.hypot(sigma_p[before], 0.45 * turn * way_m**2)
+    assert sigma_yaw[after] < 1.1 * sigma_yaw[before]
+    assert sigma_p[after] > 0.9 * sigma_p[late]
+
+
+def test_a_silent_compass_that_nothing_stands_in_for_is_said() -> None:
+    mission = straight()
+    compass = mission.sensors["heading"]
+    early = replace(compass, series=compass.series.select(compass.series.t < 20.0))
+    (said,) = gn.estimate(mission.with_sensor(early), "dr").warnings
+    assert "'heading' is silent from 19." in said
+    assert said.endswith("nothing tells the turns")
+    assert not gn.estimate(mission, "dr").warnings
+
+
 def test_without_velocity_the_error_names_what_there_is() -> None:
     nothing = np.zeros(len(T_DVL), dtype=bool)
     for mission, present in (

@@ -90,7 +90,9 @@ def straight(length_s: float, turn_density: float) -> PlanarMotion:
     t = np.arange(0.0, length_s + 0.5)
     variance = np.column_stack([np.zeros((len(t), 2)), turn_density**2 * t])
     p, course = np.column_stack([t, 0 * t]), np.zeros(len(t))
-    return PlanarMotion(t, p, course, variance, False, scale_sigma=0.0, curvature_sigma=0.0)
+    return PlanarMotion(
+        t, p, course, variance, False, scale_sigma=0.0, curvature_sigma=0.0, bent_m=t
+    )
 
 
 def test_a_course_that_wanders_bends_the_way(mission: Mission) -> None:
@@ -264,6 +266,7 @@ def by_compass(**sigmas: float) -> PlanarMotion:
         course_is_heading=True,
         scale_sigma=0.0,
         curvature_sigma=0.0,
+        bent_m=np.zeros(len(t)),
         disturbance_time_s=TIME_S,
         **sigmas,
     )

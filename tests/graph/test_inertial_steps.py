@@ -186,6 +186,30 @@ def test_a_silence_is_bridged_by_the_turn_that_the_compass_saw() -> None:
     np.testing.assert_allclose(trajectory.rpy[-1], [0.0, 0.0, np.pi / 2], atol=np.radians(1.0))
 
 
+@pytest.mark.parametrize(("silent_s", "held"), [(0.3, True), (6.0, False)], ids=["short", "long"])
+def test_a_tilt_outlasts_a_short_silence_of_the_imu(silent_s: float, held: bool) -> None:
+    """Without an AHRS; of a long one it is only known that the vehicle is a stable one."""
+    t = np.arange(0.0, 20.0, 0.02)
+    heard = (t < 10.0) | (t > 10.0 + silent_s)
+    n, one = int(heard.sum()), np.ones(len(t))
+    rates = 0.05 * np.sin(np.outer(t[heard], [2.0, 3.0, 1.0]))
+    force_b = np.tile([0.0, 0.0, -9.80665], (n, 1))
+    v_d, good = np.zeros((len(t), 3)), one > 0
+    series = (
+        ImuSeries(t=t[heard], gyro_i=rates, accel_i=force_b),
+        HeadingSeries(t=t, heading=0.0 * one, sigma=0.01 * one),
+        DvlSeries(t=t, v_d=v_d, sigma=0.01 * one, valid=good, bottom_lock=good),
+    )
+    sensors = zip(("imu", "heading", "dvl"), series, strict=True)
+    stated = InitialState(np.zeros(3), 0.1, 0.0, 0.01)
+    mission = Mission("rock", {name: Sensor(name, name, s) for name, s in sensors}, initial=stated)
+    trajectory = gn.estimate(mission, "graph", CONFIG).trajectory
+    sigma_rpy = trajectory.sigma_rpy
+    assert sigma_rpy is not None
+    worst = np.degrees(np.max(sigma_rpy[:, :2]))
+    assert worst < 3.0 if held else 4.0 < worst < 10.0
+
+
 def test_springs_let_the_bow_rise_as_a_vehicle_on_wheels_speeds_up() -> None:
     """A body pitched up by a moves along its own z axis with the sine of a of its speed."""
     t = np.arange(0.0, 10.0, 0.02)

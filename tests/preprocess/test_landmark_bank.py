@@ -14,7 +14,7 @@ from gtsam_nav.sensors.noise import ImuNoise
 
 COV_B = np.array([[0.02, 0.005], [0.005, 0.03]])
 STEP_B, TURN, VARIANCE = np.array([0.8, 0.1]), 0.3, np.array([0.01, 0.02, 0.005])
-STEP = Increments(STEP_B[None], np.array([TURN]), VARIANCE[None])
+STEP = Increments(STEP_B[None], np.array([TURN]), VARIANCE[None], STEP_B[:1])
 FIRST = 5
 """Of the landmarks: after the pose, scale and curvature."""
 
@@ -114,7 +114,7 @@ def test_an_inertial_path_is_put_right_by_its_velocitys_and_accelerations_errors
     drift = of_inertia(t, course, ImuNoise(), 0.1, 0.2)
     filters = FilterBank.at_origin(drift.sigma)
     filters.x[0, COURSE], filters.x[0, 5:7] = course[0], lacking
-    still = Increments(np.zeros((2, 2)), np.diff(course), np.zeros((2, 3)))
+    still = Increments(np.zeros((2, 2)), np.diff(course), np.zeros((2, 3)), np.zeros(2))
     for k in range(2):
         filters.move(still, drift, k)
     np.testing.assert_allclose(filters.x[0, POSITION], 0.5 * lacking * t[-1] ** 2)

@@ -25,7 +25,7 @@ def drive(x: Array, pose: IntArray, landmark: IntArray, variance: Array) -> Sigh
     steps = np.column_stack([np.diff(x), np.zeros(len(x) - 1)])
     cov_b = np.tile(0.05**2 * np.eye(2), (len(pose), 1, 1))
     seen = SightedPoints(pose, p_b, cov_b)
-    increments = Increments(steps, np.zeros(len(x) - 1), variance)
+    increments = Increments(steps, np.zeros(len(x) - 1), variance, steps[:, 0])
     return Sighted(increments, seen, np.ones(len(pose)), of_odometry(increments, 0.0, 0.0))
 
 

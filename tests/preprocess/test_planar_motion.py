@@ -188,6 +188,23 @@ def test_while_a_compass_is_silent_the_wheels_tell_the_turn(stop_s: float) -> No
     assert motion.course_is_heading
 
 
+def test_wheels_bend_the_course_over_the_way_that_a_silent_compass_misses() -> None:
+    wheels = rover(noise=0.0, duration_s=20.0).sensors["odometry"]
+    uneven = replace(wheels, noise={"curvature_sigma_deg_m": 1.0})
+    mission = Mission("rover", {"odometry": uneven})
+    motion = motion_of(with_silent_compass(mission, 15.0))
+    alone = motion_of(mission)
+    assert motion.curvature_sigma == alone.curvature_sigma > 0.0
+    within = np.array([4.0, 8.0, 12.0])
+    bent_m, way_m = (m.increments(within).bent_m for m in (motion, alone))
+    unheard_m = alone.increments(np.array([4.9, 8.0])).bent_m
+    np.testing.assert_allclose(bent_m, [unheard_m[0], way_m[1]], atol=0.1)
+    # its first heading takes off what they had turned
+    back, after = motion.increments(np.array([12.0, 16.0, 19.0])).bent_m
+    assert back == pytest.approx(-np.sum(bent_m))
+    assert after == 0.0
+
+
 def test_what_a_compass_says_after_a_silence_does_not_change_what_was_before() -> None:
     t, _, course, _ = truth(20.0)
     back = motion_of(with_silent_compass(rover(noise=0.0, duration_s=20.0), 15.0, off=0.2))

@@ -22,7 +22,8 @@ def problem(n: int = 6) -> tuple[Array, Increments, SightedPoints, Array]:
     along = np.column_stack(
         [c[:-1] * step[:, 0] + s[:-1] * step[:, 1], c[:-1] * step[:, 1] - s[:-1] * step[:, 0]]
     )
-    increments = Increments(along, np.diff(course), np.full((n - 1, 3), SIGMA_STEP**2))
+    variance = np.full((n - 1, 3), SIGMA_STEP**2)
+    increments = Increments(along, np.diff(course), variance, along[:, 0])
     pose, point = np.repeat(np.arange(n), len(KNOWN)), np.tile(np.arange(len(KNOWN)), n)
     offset = KNOWN[point] - x[pose, :2]
     p_b = np.column_stack(
@@ -54,7 +55,7 @@ def test_a_false_sighting_loses_its_say() -> None:
 
 def test_a_standing_vehicle_is_a_solvable_problem() -> None:
     x, _, seen, known = problem(2)
-    still = Increments(np.zeros((1, 2)), np.zeros(1), np.zeros((1, 3)))
+    still = Increments(np.zeros((1, 2)), np.zeros(1), np.zeros((1, 3)), np.zeros(1))
     first = SightedPoints(np.zeros_like(seen.pose[:3]), seen.p_b[:3], seen.cov_b[:3])
     found, _ = smooth(x[[0, 0]], still, first, lambda _: known[:3], doubt=10.0)
     np.testing.assert_allclose(found, x[[0, 0]], atol=1e-6)
@@ -69,6 +70,7 @@ def test_the_covariance_is_that_of_many_draws() -> None:
             increments.displacement_b + rng.normal(scale=SIGMA_STEP, size=(2, 2)),
             increments.turn + rng.normal(scale=SIGMA_STEP, size=2),
             increments.variance,
+            increments.bent_m,
         )
         p_b = seen.p_b + rng.normal(scale=SIGMA_M, size=seen.p_b.shape)
         # weights of one: the noise is as stated

@@ -12,6 +12,7 @@ from gtsam_nav.sensors.silences import (
     said_of_silences,
     silences,
     silent_spells,
+    since_heard,
     speaks_at,
 )
 from gtsam_nav.series import DepthSeries
@@ -99,3 +100,8 @@ def test_the_first_and_last_sample_reach_a_few_seconds() -> None:
     mission = beside(sensor, 0.0, 12.5)
     np.testing.assert_allclose(silences(sensor, mission), [[5.9, 8.0]])
     assert not list(said_of_silences(sensor, mission, "for two seconds"))
+
+
+def test_sums_begin_anew_whenever_something_is_heard() -> None:
+    sums, heard = np.arange(6.0), np.array([False, False, True, False, False, True])
+    np.testing.assert_array_equal(since_heard(sums, heard), [0.0, 1.0, 0.0, 1.0, 2.0, 0.0])

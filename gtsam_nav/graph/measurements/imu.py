@@ -10,8 +10,9 @@ import numpy as np
 
 from gtsam_nav.config import Config
 from gtsam_nav.frames import Array
+from gtsam_nav.graph import factors
 from gtsam_nav.graph.coasting import CoastingStep
-from gtsam_nav.graph.factors import B
+from gtsam_nav.graph.factors import B, X
 from gtsam_nav.graph.measurements.orientation import (
     add_tilt,
     add_unmeasured_turn,
@@ -71,9 +72,11 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
     walking = None
     if config.graph.imu_preintegration == "combined":
         walking = imu_parameters(imu, mission.origin, combined=True)
-    covered = _covered(series, problem.t)
+    covered = _covered(series, problem.t, MAX_IMU_GAP_S)
+    carries_tilt = _covered(series, problem.t, HABIT_S)
     has_tilt = measures_tilt_at(mission, problem.t)
     growth = turn_growth_rad2_s(mission, problem.t, config.motion)
+    turning2 = _turning_density2(imu)
     for k in range(1, len(problem.t)):
         before_s, t_s = problem.t[k - 1 : k + 1].tolist()
         if covered[k - 1]:
@@ -90,6 +93,8 @@ def add(problem: Problem, mission: Mission, config: Config) -> None:
             add_velocity(problem, k, config)
             add_unmeasured_turn(problem, k, growth)
             if not has_tilt[k]:
+                _add_tilting(problem, k, turning2)
+            if not has_tilt[k] and not carries_tilt[k - 1]:
                 tilt = problem.rpy[k, :2]
                 add_tilt(problem, mission, k, tilt, UNMEASURED_TILT_SIGMA_RAD, config)
         else:
@@ -153,12 +158,20 @@ def _samples(imu: Sensor) -> _Samples:
     return _Samples(series.t, accel_i, series.gyro_i)
 
 
-def _covered(imu: ImuSeries, t_key: Array) -> BoolArray:
-    """Which intervals between keyframes hold no silence."""
+def _covered(imu: ImuSeries, t_key: Array, longest_s: float) -> BoolArray:
+    """Which intervals between keyframes hold no longer silence."""
     covered = np.ones(len(t_key) - 1, dtype=bool)
-    for a, b in silences(imu, t_key[0], t_key[-1]):
+    for a, b in silent_spells(imu.t, t_key[0], t_key[-1], longest_s):
         covered[(t_key[:-1] < b) & (t_key[1:] > a)] = False
     return covered
+
+
+def _add_tilting(problem: Problem, k: int, density2: float) -> None:
+    """Roll and pitch change by no more than noise of this squared density, rad^2/s."""
+    span_s = float(problem.t[k] - problem.t[k - 1])
+    R_ab, _ = problem.increments
+    tilting = factors.tilting(X(k - 1), X(k), R_ab[k - 1], 1.0 / (density2 * span_s))
+    problem.add(k, "attitude", tilting)
 
 
 def _coasting(problem: Problem, k: int, gravity_n: Array, imu: Sensor) -> CoastingStep:
@@ -175,11 +188,24 @@ def _coasting(problem: Problem, k: int, gravity_n: Array, imu: Sensor) -> Coasti
         ),
         (series.gyro_i, noise.gyro_noise_density_rad_s_sqrt_hz, parameters.setGyroscopeCovariance),
     ):
-        # a vehicle at rest has no habits: no surer than the readings would be
-        set_covariance(max(2 * HABIT_S * _habit(series.t, readings), density**2) * np.eye(3))
+        set_covariance(_habit_density2(series.t, readings, density) * np.eye(3))
     parameters.setIntegrationCovariance(1e-10 * np.eye(3))
     span_s = float(problem.t[k] - problem.t[k - 1])
     return CoastingStep(k, parameters, -problem.R_nb[k - 1].T @ gravity_n, span_s)
+
+
+def _turning_density2(imu: Sensor) -> float:
+    """That of the turns which a silent IMU misses, rad^2/s."""
+    series = imu.series
+    assert isinstance(series, ImuSeries)
+    noise = ImuNoise.model_validate(imu.noise)
+    return _habit_density2(series.t, series.gyro_i, noise.gyro_noise_density_rad_s_sqrt_hz)
+
+
+def _habit_density2(t: Array, readings: Array, density: float) -> float:
+    """Squared density of the noise that stands for what silent readings of this density miss."""
+    # a vehicle at rest has no habits: no surer than the readings would be
+    return max(2 * HABIT_S * _habit(t, readings), density**2)
 
 
 def _habit(t: Array, readings: Array) -> float:
