@@ -85,7 +85,8 @@ def run_folder(trajectory: Path) -> Path:
     from gtsam_nav.writers.exports import EXPORTS
 
     folder = trajectory.resolve().parent
-    return folder.parent if folder.name == EXPORTS else folder
+    exported = folder.name == EXPORTS and (folder.parent / "run.json").is_file()
+    return folder.parent if exported else folder
 
 
 def span(t: Array) -> str:

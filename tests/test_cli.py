@@ -259,6 +259,16 @@ def test_evaluate_never_scores_on_fixes_that_a_run_used(
     assert gtsam_nav("evaluate", exported, tmp_path / "mission").code == 3
 
 
+def test_evaluate_reads_no_configuration_above_a_folder_that_is_not_a_runs_export(
+    gtsam_nav: CommandLine, mission_folder: Path, run_folder: Path, tmp_path: Path
+) -> None:
+    exported = tmp_path / "export" / "trajectory.tum"
+    exported.parent.mkdir()
+    exported.write_bytes((run_folder / "dr" / "trajectory.tum").read_bytes())
+    (tmp_path / "config.yaml").write_text("of: another program")
+    assert gtsam_nav("evaluate", exported, mission_folder).code == 0
+
+
 def test_simulate_writes_the_same_mission_for_the_same_seed(
     gtsam_nav: CommandLine, tmp_path: Path
 ) -> None:

@@ -135,22 +135,31 @@ def _velocities(
     gate, limit_s = config.ins_ekf.gate_probability, config.motion.water_lock_after_s
     aids: list[Aid] = []
     rejections: list[Rejection] = []
-    for sensor in mission.of_type("dvl"):
+    dvls = mission.of_type("dvl")
+    water = [DvlNoise.model_validate(sensor.noise).water_sigma_m_s for sensor in dvls]
+    for sensor in dvls:
         still = np.zeros((len(sensor.series), 3))
         found = dvl.body_velocities(sensor, still, limit_s, current_apart=True)
         rejections += found.rejections
-        aids.append(_dvl(found, sensor, rate_without_gyro_b(mission, found.t), strapdown, gate))
+        unheard_b = rate_without_gyro_b(mission, found.t)
+        aids.append(_dvl(found, sensor, max(water), unheard_b, strapdown, gate))
     if not any(len(aid.t) for aid in aids):
         aids = [_odometry(sensor, strapdown, gate) for sensor in mission.of_type("odometry")]
     return aids, rejections
 
 
 def _dvl(
-    found: dvl.BodyVelocities, sensor: Sensor, unheard_b: Array, strapdown: Strapdown, gate: float
+    found: dvl.BodyVelocities,
+    sensor: Sensor,
+    water_sigma_m_s: float,
+    unheard_b: Array,
+    strapdown: Strapdown,
+    gate: float,
 ) -> Aid:
+    """Velocities of a DVL; the current, of the spread given, is that of all others too."""
     noise = DvlNoise.model_validate(sensor.noise)
     scale, misalignment = noise.scale_sigma, np.radians(noise.misalignment_sigma_deg)
-    current = noise.water_sigma_m_s if np.any(found.through_water) else 0.0
+    current = water_sigma_m_s if np.any(found.through_water) else 0.0
     errors = SharedErrors(
         np.array([scale, misalignment, 0.0, 0.0, current, current]),
         np.repeat([np.inf, CURRENT_TIME_S], [4, 2]),
@@ -189,22 +198,26 @@ def _body_velocity(
     """
     some = errors.sigma > 0
     in_current = found.through_water if errors.sigma[-1] > 0 else np.zeros(len(found), dtype=bool)
+    common = int(np.count_nonzero(some[-2:]))
 
-    def by_error(k: int, state: InertialState) -> Array:
+    def measured_n(k: int, state: InertialState, shared: Array) -> Array:
+        current_n = np.append(shared[-2:], 0.0) if in_current[k] else 0.0
+        return np.asarray(state.v_n - current_n)
+
+    def by_error(k: int, state: InertialState, shared: Array) -> Array:
         # of the velocity as predicted: that measured is noisy, and would seem too long
-        forward, right, down = state.body.R_nb.T @ state.v_n
+        forward, right, down = state.body.R_nb.T @ measured_n(k, state, shared)
         scaled, turned = (forward, right, down), (-right, forward, 0.0)
         moved = -state.body.R_nb[:2].T * in_current[k]
         return np.column_stack([scaled, turned, np.eye(3, 2), moved])[:, some]
 
     def velocity(k: int, state: InertialState, shared: Array) -> Prediction:
         turning_b = np.cross(strapdown.rate_b(state, unheard_b[k]), arm_b)
-        own, body = by_error(k, state), state.body
-        if in_current[k]:  # what turns with the body is the way through the water
-            current = np.append(shared[-2:], 0.0)
-            own, shared = own[:, :-2], shared[:-2]
-            body = replace(body, v_n=body.v_n - current)
-        measured = found.v_b[k] - turning_b - own @ shared
+        # what turns with the body, and is scaled, is the way through the water
+        body = replace(state.body, v_n=measured_n(k, state, shared))
+        own = len(shared) - common
+        errors_b = by_error(k, state, shared)[:, :own] @ shared[:own]
+        measured = found.v_b[k] - turning_b - errors_b
         return dvl.predict(body, measured, float(found.sigma[k]))
 
     return Aid(
@@ -217,6 +230,7 @@ def _body_velocity(
         gate,
         SharedErrors(errors.sigma[some], errors.time_s[some]),
         by_error,
+        common,
     )
 
 

@@ -7,12 +7,11 @@ are those of `ins`; the covariance is the landmark filter's.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 
-from gtsam_nav.ekf.aid import Aid
-from gtsam_nav.ekf.error_state import SharedErrors, Update, in_turned_axes, innovations
+from gtsam_nav.ekf.aid import Aid, laid_out
+from gtsam_nav.ekf.error_state import Update, in_turned_axes, innovations
 from gtsam_nav.ekf.gate import Gate
 from gtsam_nav.ekf.inertial_start import InertialStart
 from gtsam_nav.ekf.landmark_filter import LandmarkFilter
@@ -43,10 +42,7 @@ class InertialVehicle:
         self, strapdown: Strapdown, start: InertialStart, aids: list[Aid], t: Array
     ) -> None:
         self._strapdown, self._t, self._k = strapdown, t, 0
-        self._errors = SharedErrors(
-            np.concatenate([np.empty(0), *(aid.shared.sigma for aid in aids)]),
-            np.concatenate([np.empty(0), *(aid.shared.time_s for aid in aids)]),
-        )
+        self._errors, self.places = laid_out(aids)
         self.state, self.shared = start.state, np.zeros(len(self._errors))
         self.size = SIZE + len(self._errors)
         self.P_start = np.diag(np.append(np.zeros(SIZE), self._errors.sigma**2))
@@ -127,8 +123,6 @@ class AidUpdates:
         self.used: list[list[tuple[float, Array]]] = [[] for _ in aids]
         self.rejections: list[Rejection] = []
         self._gates = [Gate(aid.gate_probability) for aid in aids]
-        last = np.cumsum([0, *(len(aid.shared) for aid in aids)]).tolist()
-        self._own = [slice(a, b) for a, b in pairwise(last)]
 
     def take_all(self, t: float) -> None:
         """Take all measurements of now."""
@@ -165,12 +159,13 @@ class AidUpdates:
         self.used[which].append((t, update.whitened))
 
     def _compare(self, which: int, k: int) -> Update:
-        aid, own, vehicle = self.aids[which], self._own[which], self.vehicle
-        prediction = aid.predict(k, vehicle.state, vehicle.shared[own])
+        aid, place, vehicle = self.aids[which], self.vehicle.places[which], self.vehicle
+        shared = vehicle.shared[place]
+        prediction = aid.predict(k, vehicle.state, shared)
         H = np.zeros((len(prediction.residual), len(self.slam.P)))
         H[:, : prediction.jacobian.shape[1]] = prediction.jacobian
-        if len(aid.shared):
-            H[:, SIZE + own.start : SIZE + own.stop] = aid.by_shared(k, vehicle.state)
+        if len(shared):
+            H[:, SIZE + place] = aid.by_shared(k, vehicle.state, shared)
         S = H @ self.slam.P @ H.T + prediction.cov
         try:
             np.linalg.cholesky(S)

@@ -5,13 +5,12 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from itertools import pairwise
 
 import numpy as np
 
-from gtsam_nav.ekf.aid import Aid
+from gtsam_nav.ekf.aid import Aid, laid_out
 from gtsam_nav.ekf.clock_watch import ClockWatch
-from gtsam_nav.ekf.error_state import ErrorStateFilter, Node, SharedErrors, Update
+from gtsam_nav.ekf.error_state import ErrorStateFilter, Node, Update
 from gtsam_nav.ekf.gate import Gate
 from gtsam_nav.ekf.heading_search import FoundHeading, HeadingSearch
 from gtsam_nav.ekf.inertial_start import InertialStart
@@ -69,17 +68,12 @@ class InsRun:
     def __init__(
         self, strapdown: Strapdown, start: InertialStart, aids: list[Aid], keep_all: bool
     ) -> None:
-        shared = SharedErrors(
-            np.concatenate([np.empty(0), *(aid.shared.sigma for aid in aids)]),
-            np.concatenate([np.empty(0), *(aid.shared.time_s for aid in aids)]),
-        )
+        shared, self._places = laid_out(aids)
         self.filter = ErrorStateFilter(strapdown, start.state, start.P, shared)
         self.aids, self.keep_all = aids, keep_all
         self.history = History(used=[[] for _ in aids])
         self._gates = [Gate(aid.gate_probability) for aid in aids]
         self._watches = [None if aid.shows_yaw else NoiseWatch() for aid in aids]
-        last = np.cumsum([0, *(len(aid.shared) for aid in aids)]).tolist()
-        self._own = [slice(a, b) for a, b in pairwise(last)]
         self._search = HeadingSearch()
         self._gained_n = np.zeros(3)
         self._lost: list[str] = []
@@ -184,13 +178,14 @@ class InsRun:
         yield from self._lost
 
     def _compare(self, which: int, k: int) -> Update:
-        aid, own = self.aids[which], self._own[which]
-        prediction = aid.predict(k, self.filter.state, self.filter.shared[own])
+        aid, place = self.aids[which], self._places[which]
+        shared = self.filter.shared[place]
+        prediction = aid.predict(k, self.filter.state, shared)
         H = prediction.jacobian
-        if len(aid.shared):
-            H = np.zeros((len(H), SIZE + own.stop))
+        if len(shared):
+            H = np.zeros((len(H), SIZE + place.max() + 1))
             H[:, : prediction.jacobian.shape[1]] = prediction.jacobian
-            H[:, SIZE + own.start :] = aid.by_shared(k, self.filter.state)
+            H[:, SIZE + place] = aid.by_shared(k, self.filter.state, shared)
         return self.filter.compare(prediction.residual, H, prediction.cov)
 
     def _reject(self, aid: Aid, k: int, reason: str, normalised: float | None) -> None:

@@ -126,7 +126,15 @@ def _without_velocities(mission: Mission, begin: float, end: float) -> tuple[str
     locks = [lock for dvl in dvls if (lock := _bottom_lock(dvl, begin, end)) is not None]
     if not locks:
         return ("no velocity",) if dvls or mission.of_type("odometry") else ()
-    return ("bottom lock lost",) if max(locks) < 0.5 else ()
+    # what only ever reads the water had none to lose
+    lost = max(locks) < 0.5 and any(_ever_locked(dvl) for dvl in dvls)
+    return ("bottom lock lost",) if lost else ()
+
+
+def _ever_locked(dvl: Sensor) -> bool:
+    series = dvl.series
+    assert isinstance(series, DvlSeries)
+    return bool(np.any(series.valid & series.bottom_lock))
 
 
 def _bottom_lock(dvl: Sensor, begin: float, end: float) -> float | None:

@@ -65,7 +65,7 @@ class ScanCalibration:
         return self.clock.offset_s if self.clock else 0.0
 
     def corrected(self, mission: Mission) -> Mission:
-        """The mission with scans and odometry put right, which knows what is left unknown."""
+        """The mission with scans and odometry put right."""
         scans = mission.first("scans")
         assert scans is not None
         series = scans.series.shift(self.offset_s)
@@ -76,9 +76,8 @@ class ScanCalibration:
         wheels = odometry.series
         assert isinstance(wheels, OdometrySeries)
         yaw_rate = wheels.yaw_rate + self.curvature_rad_m * wheels.v_b[:, 0]
-        left = {"curvature_sigma_deg_m": float(np.degrees(self.sigma_rad_m))}
-        series, noise = replace(wheels, yaw_rate=yaw_rate), {**odometry.noise, **left}
-        return mission.with_sensor(replace(odometry, series=series, noise=noise))
+        # the stated sigma stays: the graph takes the same scans in, and they would count twice
+        return mission.with_sensor(replace(odometry, series=replace(wheels, yaw_rate=yaw_rate)))
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -9,8 +10,9 @@ import pytest
 
 import gtsam_nav as gn
 from gtsam_nav.config import Config
+from gtsam_nav.ekf.aid import Aid, laid_out
 from gtsam_nav.ekf.aiding import aids_of
-from gtsam_nav.ekf.inertial_start import inertial_start
+from gtsam_nav.ekf.inertial_start import InertialStart, inertial_start
 from gtsam_nav.ekf.strapdown import SIZE, Strapdown
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import InitialState, Mission, Sensor
@@ -62,13 +64,19 @@ def test_a_current_that_nothing_shows_carries_the_vehicle_along_for_all_the_filt
     assert sigma[-1, :2] == pytest.approx(0.5 * END_S, rel=0.15)
 
 
+def start_of(mission: Mission) -> InertialStart:
+    return inertial_start(mission, mission.sensors["imu"], MotionSettings())
+
+
+def aids_on(mission: Mission) -> list[Aid]:
+    strapdown = Strapdown(mission.sensors["imu"], None)
+    return aids_of(mission, strapdown, start_of(mission), Config())[0]
+
+
 def test_the_jacobian_of_a_velocity_through_the_water_is_its_derivative() -> None:
     mission = carried_off()
-    imu = mission.sensors["imu"]
-    strapdown, start = Strapdown(imu, None), inertial_start(mission, imu, MotionSettings())
-    aids, _ = aids_of(mission, strapdown, start, Config())
-    aid = next(aid for aid in aids if aid.name == "dvl")
-    state, k = start.state.corrected(np.linspace(-0.3, 0.4, SIZE)), len(aid.t) - 1
+    aid = next(aid for aid in aids_on(mission) if aid.name == "dvl")
+    state, k = start_of(mission).state.corrected(np.linspace(-0.3, 0.4, SIZE)), len(aid.t) - 1
     shared = np.array([0.0, 0.0, *CURRENT_N])
 
     def residual(error: Array) -> Array:
@@ -78,7 +86,41 @@ def test_the_jacobian_of_a_velocity_through_the_water_is_its_derivative() -> Non
     prediction = aid.predict(k, state, shared)
     expected = np.zeros((3, SIZE + 4))
     expected[:, : prediction.jacobian.shape[1]] = prediction.jacobian
-    expected[:, SIZE:] = aid.by_shared(k, state)
+    expected[:, SIZE:] = aid.by_shared(k, state, shared)
     steps = 1e-6 * np.eye(SIZE + 4)
     found = np.array([(residual(step) - residual(-step)) / 2e-6 for step in steps]).T
     np.testing.assert_allclose(found, expected, atol=1e-6)
+
+
+def test_several_dvls_are_carried_off_by_one_current() -> None:
+    mission = carried_off(0.0)
+    dvl = mission.sensors["dvl"]
+    both = mission.with_sensor(replace(dvl, name="other"))
+    alone, together = (gn.estimate(m, "ins-ekf").trajectory.sigma_p_n for m in (mission, both))
+    assert alone is not None
+    assert together is not None
+    np.testing.assert_allclose(together[-1, :2], alone[-1, :2], rtol=0.02)
+
+
+def test_what_aids_have_in_common_stands_once_among_the_shared_errors() -> None:
+    mission = carried_off()
+    aids = aids_on(mission.with_sensor(replace(mission.sensors["dvl"], name="other")))
+    errors, places = laid_out(aids)
+    by_name = {aid.name: place.tolist() for aid, place in zip(aids, places, strict=True)}
+    assert by_name["dvl"][-2:] == by_name["other"][-2:]
+    assert len(errors) == sum(len(aid.shared) for aid in aids) - 2
+    assert sorted({k for place in places for k in place.tolist()}) == list(range(len(errors)))
+    for aid, place in zip(aids, places, strict=True):
+        np.testing.assert_array_equal(errors.sigma[place], aid.shared.sigma)
+        np.testing.assert_array_equal(errors.time_s[place], aid.shared.time_s)
+
+
+def test_scale_and_misalignment_are_of_the_way_through_the_water() -> None:
+    mission = carried_off()
+    aid = next(aid for aid in aids_on(mission) if aid.name == "dvl")
+    state = replace(start_of(mission).state, v_n=np.array([1.0, 0.0, 0.0]))
+    for k, current_n in ((0, [0.0, 0.0]), (len(aid.t) - 1, CURRENT_N)):
+        by_shared = aid.by_shared(k, state, np.array([0.0, 0.0, *CURRENT_N]))
+        forward, right, down = state.body.R_nb.T @ (state.v_n - [*current_n, 0.0])
+        np.testing.assert_allclose(by_shared[:, 0], [forward, right, down], atol=1e-12)
+        np.testing.assert_allclose(by_shared[:, 1], [-right, forward, 0.0], atol=1e-12)

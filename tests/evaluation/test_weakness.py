@@ -175,3 +175,14 @@ def test_another_sensor_of_velocities_that_runs_on_is_no_silence() -> None:
     assert lost not in silent_but_for(Sensor("odometry", "odometry", wheels))
     ended = Sensor("other", "dvl", whole.select(T < 20.0))
     assert silent_but_for(ended) == silent_but_for()
+
+
+def test_what_never_has_bottom_lock_loses_none() -> None:
+    weak = solution()
+    dvl = weak.mission.sensors["dvl"]
+    assert isinstance(dvl.series, DvlSeries)
+    never, always = np.zeros(len(T), dtype=bool), np.ones(len(T), dtype=bool)
+    series = replace(dvl.series, valid=always, bottom_lock=never)
+    mission = weak.mission.with_sensor(replace(dvl, series=series))
+    (stretch,) = weak_stretches(replace(weak, mission=mission))
+    assert stretch.causes == ("no GNSS fix",)

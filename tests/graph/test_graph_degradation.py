@@ -10,9 +10,17 @@ import pytest
 from test_exported import moved_by_levenberg_marquardt
 
 import gtsam_nav as gn
-from gtsam_nav.frames import Array
+from gtsam_nav.frames import Array, Origin, sag_m
 from gtsam_nav.mission import Mission, Sensor
-from gtsam_nav.series import BeamSeries, GnssSeries, ScanSeries
+from gtsam_nav.series import (
+    BeamSeries,
+    DepthSeries,
+    DvlSeries,
+    GnssSeries,
+    HeadingSeries,
+    ScanSeries,
+    Series,
+)
 from gtsam_nav.simulation import SimulationSettings
 from gtsam_nav.solution import Solution
 from gtsam_nav.sonar.defects import WHOLE_SENSOR
@@ -217,6 +225,30 @@ def test_heights_of_fixes_count_from_the_zero_of_a_depth_sensor_that_fell_silent
     )
     np.testing.assert_allclose(lifted.trajectory.p_n, as_stated.trajectory.p_n, atol=0.2)
     assert (np.max(down_sigma(as_stated)) < 1.0) == holds
+
+
+def test_heights_of_fixes_follow_the_sea_far_from_the_origin() -> None:
+    """The zero of a depth sensor that fell silent, 30 km off, is not the plane's."""
+    rng = np.random.default_rng(0)
+    t, origin = np.arange(0.0, 1000.0, 5.0), Origin(41.0, 3.0, 0.0)
+    p_n = np.column_stack([30.0 * t, 0.0 * t, 5.0 + 0.0 * t])
+    p_n[:, 2] += sag_m(p_n, origin)
+    one, every = np.ones(len(t)), np.ones(len(t), dtype=bool)
+    v_d = np.tile([30.0, 0.0, 0.0], (len(t), 1))
+    dvl = DvlSeries(t=t, v_d=v_d, sigma=0.02 * one, valid=every, bottom_lock=every)
+    fixes = p_n + rng.normal(0.0, 0.5, p_n.shape)
+    series: dict[str, Series] = {
+        "dvl": dvl,
+        "heading": HeadingSeries(t=t, heading=0.0 * t, sigma=0.01 * one),
+        "depth": DepthSeries(t=t, depth_m=5.0 * one, sigma=0.05 * one).crop(500.0, 1000.0),
+        "gnss": GnssSeries(t=t, p_n=fixes, sigma=np.full(p_n.shape, 0.5)),
+    }
+    aboard = {name: Sensor(name, name, told) for name, told in series.items()}
+    solution = gn.estimate(
+        Mission("far", aboard, origin=origin), "graph", gn.load_config(None, ["gnss.use=all"])
+    )
+    off_m = solution.trajectory.p_n[:, 2] - np.interp(solution.trajectory.t, t, p_n[:, 2])
+    assert np.median(np.abs(off_m[solution.trajectory.t < 500.0])) < 1.0
 
 
 def down_sigma(solution: Solution) -> Array:

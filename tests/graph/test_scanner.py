@@ -119,6 +119,8 @@ def test_scans_tell_their_clock_and_the_wheels() -> None:
     assert found.clock.sigma_s < 0.5 * LATE_S
     assert np.degrees(found.curvature_rad_m) == pytest.approx(0.8, abs=0.3)
     corrected = found.corrected(mission)
+    # the graph takes the same scans in: what they told is no prior of its own
+    assert corrected.sensors["odometry"].noise == mission.sensors["odometry"].noise
     again = calibrated(corrected)
     assert again is not None
     assert abs(again.offset_s) < 0.03

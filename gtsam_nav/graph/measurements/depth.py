@@ -58,6 +58,7 @@ def beside_gauge(
     assert isinstance(series, DepthSeries)
     _, rpy = problem.motion.at(fixes.t)
     below_m = rotation_from_rpy(rpy)[:, 2] @ (antenna_b - sensor.xyz_b)
-    antenna_m = np.interp(fixes.t, series.t, series.depth_m) + below_m
+    sea_m = sag_m(fixes.p_n, problem.origin)
+    antenna_m = sea_m + np.interp(fixes.t, series.t, series.depth_m) + below_m
     zero_m = np.median((fixes.p_n[:, 2] - antenna_m)[told])
     return replace(fixes, p_n=fixes.p_n - [0.0, 0.0, zero_m]), told

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import count
 from typing import Any
 
@@ -23,7 +24,7 @@ from gtsam_nav.preprocess.first_fixes import located
 from gtsam_nav.sensors.fix_errors import AlikeFixes, alike_fixes, white_sigma
 from gtsam_nav.sensors.noise import GnssNoise
 from gtsam_nav.sensors.rates import angular_rate_b
-from gtsam_nav.series import GnssSeries, IntArray
+from gtsam_nav.series import BoolArray, GnssSeries, IntArray
 
 POSITION_OUTLIER, VELOCITY_OUTLIER = "position outlier", "velocity outlier"
 CARRIED_ACCELERATION_M_S2 = 0.3
@@ -73,7 +74,9 @@ def _add_positions(
         fixes = series.select(alike.which)
         if alike.share:
             process = next(processes)
-            _add_shared_error(problem, gnss.name, process, at, alike, noise.correlation_time_s)
+            counts = np.any(np.isfinite(own), axis=0)
+            shared = _where_told(alike, counts)
+            _add_shared_error(problem, gnss.name, process, at, shared, noise.correlation_time_s)
             keys = [(error_key(process, k), int(X(k))) for k in at.tolist()]
             maker = _with_errors(keys, fixes.p_n, arms - gnss.xyz_b, gnss.xyz_b, own)
         else:
@@ -139,6 +142,15 @@ def _arms(problem: Problem, gnss: Sensor, t: Array, keyframe: IntArray) -> Array
 def error_key(process: int, k: int) -> int:
     """Key of a shared error at keyframe k."""
     return int(G(process * RECEIVER_STRIDE + k))
+
+
+def _where_told(alike: AlikeFixes, counts: BoolArray) -> AlikeFixes:
+    """Fixes whose shared error is as near zero on an axis that counts nowhere (3,) as on the rest.
+
+    The sigma of a height that a 2-D fix makes up, of kilometres, would spoil the equations.
+    """
+    sigma = np.where(counts, alike.shared_sigma, alike.shared_sigma[:2].max())
+    return replace(alike, shared_sigma=sigma)
 
 
 def _add_shared_error(
