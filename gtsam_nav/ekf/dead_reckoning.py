@@ -112,10 +112,10 @@ def estimate(mission: Mission, config: Config, progress: Progress) -> Solution:
 
 
 def _said_of_compass(mission: Mission) -> Iterator[str]:
+    """What stands in for it; of silences that nothing bridges every method is told."""
     compass = mission.first("heading")
-    if compass is not None:
-        instead = "the odometry" if mission.first("odometry") else "nothing"
-        yield from said_of_silences(compass, mission, f"{instead} tells the turns")
+    if compass is not None and mission.first("odometry") is not None:
+        yield from said_of_silences(compass, mission, "the odometry tells the turns")
 
 
 def fixes_used(mission: Mission, start: Alignment) -> int:
