@@ -24,6 +24,7 @@ from gtsam_nav.audit.sonar_map import (
     MapLikeness,
     Reading,
     overlap,
+    unless,
 )
 from gtsam_nav.frames import Array, rotation_from_rpy
 from gtsam_nav.mission import Sensor
@@ -137,19 +138,15 @@ def scan_findings(sensor: Sensor, like: MapLikeness, suspected: Sequence[str]) -
     ``suspected`` names who else the scans' disagreement may be due to.
     """
     sign, offset = like.reading
-    read = (
-        f"scans between which the vehicle moved agree by {like.stated:.2f}, mirrored by "
-        f"{like.mirrored:.2f} ({like.n_pairs} pairs)"
-    )
+    read = like.read("scans")
     if not like.better:
         if like.settled:
             yield Finding("scan axes", sensor.name, "ok", read)
         return
-    or_else = f", unless {' or '.join(suspected)} is wrong" if suspected else ""
     turn = rotation_from_rpy([0.0, 0.0, offset])
     mended = ["port and starboard are exchanged"] if sign < 0 else []
     mended += [f"the points are turned by {np.degrees(offset):+.0f} deg"] if offset else []
-    message = f"{read}, and by {like.best:.2f} once {' and '.join(mended)}{or_else}"
+    message = f"{read}, and by {like.best:.2f} once {' and '.join(mended)}{unless(suspected)}"
     mounting = fixes.mounting(turn @ np.diag([1.0, sign, sign]))
     fix = f"{mounting} (after the mounting that it has; in a mission folder scanner_axes: true)"
     yield Finding("scan axes", sensor.name, "warning", message, fix)

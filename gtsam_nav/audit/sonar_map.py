@@ -119,6 +119,18 @@ class MapLikeness:
     settled: bool
     n_pairs: int
 
+    def read(self, pictures: str) -> str:
+        """How well they agree, in words."""
+        return (
+            f"{pictures} between which the vehicle moved agree by {self.stated:.2f}, mirrored by "
+            f"{self.mirrored:.2f} ({self.n_pairs} pairs)"
+        )
+
+
+def unless(suspected: Sequence[str]) -> str:
+    """Who else pictures' disagreement may be due to, in words."""
+    return f", unless {' or '.join(suspected)} is wrong" if suspected else ""
+
 
 def sweeps_of(
     sonar: Sensor, compass: HeadingSeries, velocity: Velocity | None, beams_per_sweep: int
@@ -217,17 +229,14 @@ def map_findings(sonar: Sensor, like: MapLikeness, suspected: Sequence[str]) -> 
     ``suspected`` names who else the sweeps' disagreement may be due to.
     """
     sign, offset = like.reading
-    read = (
-        f"sweeps between which the vehicle moved agree by {like.stated:.2f}, mirrored by "
-        f"{like.mirrored:.2f} ({like.n_pairs} pairs)"
-    )
+    read = like.read("sweeps")
     if not like.better:
         if like.settled:
             yield Finding("sonar handedness", sonar.name, "ok", read)
         return
     turn = f"by {like.best:.2f} with the head's zero turned by {np.degrees(offset):+.0f} deg"
     R_bs = rotation_from_rpy([0.0, 0.0, offset]) @ sonar.R_bs
-    or_else = f", unless {' or '.join(suspected)} is wrong" if suspected else ""
+    or_else = unless(suspected)
     if sign < 0:
         fix = fixes.mounting(R_bs @ np.diag([1.0, -1.0, -1.0]))
         read += f", {turn}" if offset else ""

@@ -17,7 +17,7 @@ from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission
 from gtsam_nav.sensors.noise import HeadingNoise
 from gtsam_nav.sensors.odometry import curvature_sigma, velocity_calibration_sigma
-from gtsam_nav.sensors.silences import is_heard, longest_step_s, since_heard
+from gtsam_nav.sensors.silences import is_heard, since_heard
 from gtsam_nav.series import BoolArray
 from gtsam_nav.trajectory import Trajectory
 
@@ -72,7 +72,7 @@ class ConsideredErrors:
         stamps = self.headings_s
         if not len(stamps):
             return np.zeros(len(t), dtype=bool)
-        return is_heard(stamps, t, longest_step_s(stamps))
+        return is_heard(stamps, t)
 
     @property
     def constant(self) -> ConsideredErrors:

@@ -15,7 +15,7 @@ from gtsam_nav.sensors.depth import origin_depths
 from gtsam_nav.sensors.dvl import body_velocities
 from gtsam_nav.sensors.orientation import headings_true, in_level_axes, level_attitudes
 from gtsam_nav.sensors.rates import angular_rate_b, mean_gyro_bias_b
-from gtsam_nav.sensors.silences import is_heard, longest_step_s
+from gtsam_nav.sensors.silences import is_heard
 from gtsam_nav.series import HeadingSeries, IntArray, OdometrySeries
 
 
@@ -86,7 +86,7 @@ def _turn_rates(mission: Mission, headings: HeadingSeries | None) -> Iterator[Me
         series, name = sensor.series, sensor.name
         assert isinstance(series, OdometrySeries)
         if headings is not None:
-            told = is_heard(headings.t, series.t, longest_step_s(headings.t))
+            told = is_heard(headings.t, series.t)
             series, name = series.select(~told), f"{name} yaw rate"
         value, sigma = series.yaw_rate[:, None], series.sigma_yaw_rate[:, None]
         yield _part(name, series.t, series.row, YAW_RATE, value, sigma**2)

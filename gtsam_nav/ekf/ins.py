@@ -33,6 +33,7 @@ from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.alignment import align
 from gtsam_nav.preprocess.stated_rest import stated_rests
 from gtsam_nav.preprocess.unaided import said_of_drift
+from gtsam_nav.sensors.twins import said_of_twin
 from gtsam_nav.solution import Innovations, Progress, SlowStates, Solution, StageClock
 from gtsam_nav.trajectory import Trajectory, record_times
 
@@ -178,10 +179,7 @@ def _idle_imus(mission: Mission, taken: Sensor) -> Iterator[str]:
     """IMUs beside the one that is integrated."""
     for imu in mission.of_type("imu"):
         if imu is not taken:
-            yield (
-                f"'{imu.name}' is left out: of several sensors of type imu ins-ekf takes the first,"
-                f" '{taken.name}'"
-            )
+            yield said_of_twin(imu, f"ins-ekf takes the first, '{taken.name}'")
 
 
 def _check_sound(t: Array, states: Array, v_n: Array, cov: Array) -> None:

@@ -22,6 +22,7 @@ from gtsam_nav.errors import DataError, EstimationError
 from gtsam_nav.frames import Array, quaternion_from_rotation
 from gtsam_nav.mission import Mission, Sensor
 from gtsam_nav.preprocess.depth_by_ranges import said_of_depth
+from gtsam_nav.sensors.twins import said_of_twin
 from gtsam_nav.series import LandmarkSeries
 from gtsam_nav.solution import Innovations, LandmarkEstimates, Progress, Solution, StageClock
 from gtsam_nav.trajectory import Trajectory
@@ -108,10 +109,8 @@ def _idle_sensors(mission: Mission, taken: Sensor) -> Iterator[str]:
     """Sensors of landmarks beside the one whose sightings are used."""
     for sensor in mission.of_type("landmarks"):
         if sensor is not taken:
-            yield (
-                f"'{sensor.name}' is left out: of several sensors of type landmarks landmark-ekf"
-                f" takes the first, '{taken.name}'; graph takes all"
-            )
+            choice = f"landmark-ekf takes the first, '{taken.name}'; graph takes all"
+            yield said_of_twin(sensor, choice)
 
 
 def _survey(slam: LandmarkFilter, mission: Mission) -> None:

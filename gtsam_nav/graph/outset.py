@@ -35,6 +35,7 @@ from gtsam_nav.preprocess.motion import (
 )
 from gtsam_nav.preprocess.planar_motion import planar_motion
 from gtsam_nav.sensors.orientation import headings_true
+from gtsam_nav.sensors.twins import said_of_twin
 from gtsam_nav.series import ImuSeries
 from gtsam_nav.solution import Progress, StageClock
 
@@ -90,10 +91,7 @@ def made_ready(mission: Mission, config: Config, clock: StageClock, progress: Pr
 def _idle_twins(mission: Mission, config: Config) -> Iterator[str]:
     """Sensors that are left out because another of their type is taken."""
     for name, taken in twins_taken(mission, config).items():
-        yield (
-            f"'{name}' is left out: of several sensors of type {taken.type} the graph takes one,"
-            f" '{taken.name}'"
-        )
+        yield said_of_twin(mission.sensors[name], f"the graph takes one, '{taken.name}'")
 
 
 def _with_one_imu(mission: Mission, config: Config) -> Mission:

@@ -21,7 +21,7 @@ from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.motion import VehicleMotion
 from gtsam_nav.registration.pic import register
 from gtsam_nav.registration.prior import PRIOR_FLOOR
-from gtsam_nav.sensors.noise import OdometryNoise
+from gtsam_nav.sensors.odometry import curvature_sigma
 from gtsam_nav.sensors.prediction import chi2_limit
 from gtsam_nav.series import IntArray, OdometrySeries
 from gtsam_nav.solution import ClockOffset
@@ -108,11 +108,11 @@ def calibrate_by_scans(
     if not np.any(sigma):
         return None
     pairs = _registered(sonar, planar_of(motion), config)
-    (offset_s, curvature), (offset_sigma_s, curvature_sigma) = _fitted(pairs, sigma)
+    (offset_s, curvature), (offset_sigma_s, sigma_rad_m) = _fitted(pairs, sigma)
     log.info("stamps of '%s': %+.3f s, sigma %.3f s", scanner.name, offset_s, offset_sigma_s)
     log.info("odometry lacks %+.3f deg/m", np.degrees(curvature))
     clock = ClockOffset(scanner.name, "time_offset", offset_s, offset_sigma_s, float(sigma[0]))
-    return ScanCalibration(clock if sigma[0] else None, curvature, curvature_sigma)
+    return ScanCalibration(clock if sigma[0] else None, curvature, sigma_rad_m)
 
 
 def planar_of(motion: VehicleMotion) -> PlanarMotion:
@@ -124,11 +124,7 @@ def planar_of(motion: VehicleMotion) -> PlanarMotion:
 
 def _curvature_sigma(mission: Mission) -> float:
     """Of the turn that goes unnoticed, rad/m; zero where odometry does not turn the vehicle."""
-    odometry = mission.first("odometry")
-    if odometry is None or any(mission.of_type(kind) for kind in TURNED_BY):
-        return 0.0
-    noise = OdometryNoise.model_validate(odometry.noise)
-    return float(np.radians(noise.curvature_sigma_deg_m))
+    return 0.0 if any(map(mission.of_type, TURNED_BY)) else curvature_sigma(mission)
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ from gtsam_nav.registration.open3d_icp import homogeneous
 from gtsam_nav.registration.packages import kiss_icp
 from gtsam_nav.registration.result import RelativePose
 from gtsam_nav.registration.surfaces import Alignment, Surfaces, match_covariance
+from gtsam_nav.sensors.twins import said_of_twin
 from gtsam_nav.solution import Progress
 
 MAX_ITERATIONS, CONVERGED = 20, 1e-3
@@ -301,7 +302,4 @@ def _on_misfits(sensor_name: str, n_misfits: int) -> tuple[str, ...]:
 def _on_twins(mission: Mission) -> Iterator[str]:
     first, *others = mission.of_type("clouds")
     for sensor in others:
-        yield (
-            f"'{sensor.name}' is left out: of several sensors of type clouds one is taken,"
-            f" '{first.name}'"
-        )
+        yield said_of_twin(sensor, f"one is taken, '{first.name}'")

@@ -23,7 +23,7 @@ def angular_rate_b(mission: Mission, t: Array, gyro_bias_b: Array) -> Array:
         return omega_b
     series = imu.series
     assert isinstance(series, ImuSeries)
-    heard = is_heard(series.t, t, longest_step_s(series.t))
+    heard = is_heard(series.t, t)
     rates_b = series.gyro_i @ imu.R_bs.T - gyro_bias_b
     omega_b[heard] = np.stack([np.interp(t[heard], series.t, axis) for axis in rates_b.T], axis=1)
     return omega_b
@@ -44,7 +44,7 @@ def rate_without_gyro_b(mission: Mission, t: Array) -> Array:
     if odometry is not None:
         series = odometry.series
         assert isinstance(series, OdometrySeries)
-        heard = is_heard(series.t, t, longest_step_s(series.t))
+        heard = is_heard(series.t, t)
         rate = np.interp(t[heard], series.t, series.yaw_rate)
         omega_b[heard] = np.outer(rate, [0.0, 0.0, 1.0])
     return omega_b
@@ -64,7 +64,7 @@ def mean_gyro_bias_b(mission: Mission) -> Array:
     t, rates_b = series.t, series.gyro_i @ imu.R_bs.T
     middle, span_s = 0.5 * (t[1:] + t[:-1]), np.diff(t)
     both = (t[:-1] >= headings.t[0]) & (t[1:] <= headings.t[-1]) & (span_s <= longest_step_s(t))
-    both &= is_heard(headings.t, middle, longest_step_s(headings.t))
+    both &= is_heard(headings.t, middle)
     if not np.any(both):
         return np.zeros(3)
     turned = np.diff(np.interp(t, headings.t, np.unwrap(headings.heading)))[both]

@@ -73,8 +73,11 @@ def longest_step_s(t: Array, least_s: float = LEAST_S) -> float:
     return max(least_s, USUAL_STEPS * _usual_step_s(t))
 
 
-def is_heard(stamps: Array, t: Array, longest_s: float) -> BoolArray:
-    """Whether times (k,) lie between stamps (n,) no further apart than so, or as near to an end."""
+def is_heard(stamps: Array, t: Array, longest_s: float | None = None) -> BoolArray:
+    """Whether times (k,) lie between stamps (n,) no further apart than so, or as near to an end;
+    than `longest_step_s` where it is absent."""
+    if longest_s is None:
+        longest_s = longest_step_s(stamps)
     gap_s = np.concatenate([[0.0], np.diff(stamps), [0.0]])
     around = (gap_s[np.searchsorted(stamps, t, side)] for side in ("left", "right"))
     beyond_s = np.maximum(stamps[0] - t, t - stamps[-1])
