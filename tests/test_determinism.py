@@ -8,10 +8,11 @@ import sys
 from itertools import chain
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import gtsam_nav as gn
-from gtsam_nav.methods import methods, runnable_methods
+from gtsam_nav.methods import estimate, methods, runnable_methods
 from gtsam_nav.writers.mission_folder import write_mission
 
 MISSIONS = {"marina": 60.0, "harbour": 10.0, "ranger": 20.0}
@@ -63,3 +64,17 @@ def test_every_method_writes_the_same_bytes_on_any_workers(tmp_path: Path) -> No
         assert Path(mission, method, "metrics.json") in first
     assert Path("marina/graph/loops.csv") in first
     assert [str(name) for name in first if first[name] != second[name]] == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MISSIONS)
+def test_no_method_draws_from_numpys_global_generator(name: str) -> None:
+    mission = gn.simulate(name, seed=5, duration_s=10.0)
+    for method in runnable_methods(mission):
+        np.random.seed(0)  # noqa: NPY002  what libraries draw from that were given no generator
+        estimate(mission, method)
+        state = np.random.get_state(legacy=False)["state"]  # noqa: NPY002
+        np.random.seed(0)  # noqa: NPY002
+        untouched = np.random.get_state(legacy=False)["state"]  # noqa: NPY002
+        assert state["pos"] == untouched["pos"], method
+        np.testing.assert_array_equal(state["key"], untouched["key"], method)

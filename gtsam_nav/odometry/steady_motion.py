@@ -8,7 +8,8 @@ from typing import Self
 
 import numpy as np
 
-from gtsam_nav.frames import Array
+from gtsam_nav.frames import Array, skew
+from gtsam_nav.registration.open3d_icp import homogeneous
 
 PACE_INTERVALS = 4
 """The latest ones, whose median is the pace: even, since of pairs each other one is short."""
@@ -24,34 +25,53 @@ class SteadyMotion:
 
     Attributes
     ----------
-    rates : ndarray, shape (4, 4)
-        Matrix whose exponential is the body's pose after 1 s in that before.
+    turn_rate : ndarray, shape (3,)
+        Along the axes of the body, rad/s.
+    velocity : ndarray, shape (3,)
+        Along the same axes, which turn with it, m/s.
     span_s : float
         The time that they were found over.
     """
 
-    rates: Array
+    turn_rate: Array
+    velocity: Array
     span_s: float
 
     @classmethod
     def through(cls, T_ab: Array, span_s: float) -> Self:
         """What carries a body from pose a to pose b, shape (4, 4), in a time."""
-        from scipy.linalg import logm
+        from scipy.spatial.transform import Rotation
 
-        rates = np.real(logm(T_ab)) / span_s
-        # rounding that is no turn would grow with the time
-        rates[:3, :3] = 0.5 * (rates[:3, :3] - rates[:3, :3].T)
-        rates[3] = 0.0
-        return cls(rates, span_s)
+        # in closed form: scipy's logarithm of a matrix draws random numbers
+        turn = Rotation.from_matrix(T_ab[:3, :3]).as_rotvec()
+        shift = np.asarray(np.linalg.solve(_mean_rotation(turn), T_ab[:3, 3]), float)
+        return cls(turn / span_s, shift / span_s, span_s)
 
     def over(self, span_s: float) -> Array:
         """Pose after a time in that before, shape (4, 4)."""
-        from scipy.linalg import expm
+        from scipy.spatial.transform import Rotation
 
-        return np.asarray(expm(self.rates * span_s))
+        turn = self.turn_rate * span_s
+        shift = _mean_rotation(turn) @ self.velocity * span_s
+        return homogeneous(Rotation.from_rotvec(turn).as_matrix(), shift)
 
 
-AT_REST = SteadyMotion(np.zeros((4, 4)), np.inf)
+def _mean_rotation(turn: Array) -> Array:
+    """Mean of the rotations (3, 3) that a body has while it turns by a vector (3,), in rad.
+
+    Barfoot, *State Estimation for Robotics* (2017), eq. 7.77: the left Jacobian of the rotation.
+    """
+    angle = float(np.linalg.norm(turn))
+    across = skew(turn / angle if angle else turn)
+    half = angle / 2
+    return np.asarray(
+        np.eye(3)
+        + np.sin(half) * np.sinc(half / np.pi) * across
+        + (1.0 - np.sinc(angle / np.pi)) * across @ across
+    )
+
+
+AT_REST = SteadyMotion(np.zeros(3), np.zeros(3), np.inf)
 """For as long as one likes."""
 
 

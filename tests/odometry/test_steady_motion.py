@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis.extra.numpy import arrays
+from hypothesis.strategies import floats
+from scipy.spatial.transform import Rotation
 
 from gtsam_nav.odometry.steady_motion import AT_REST, SteadyMotion, Wake
 from gtsam_nav.registration.open3d_icp import homogeneous
@@ -20,6 +24,34 @@ def test_it_stays_on_its_circle() -> None:
     motion = SteadyMotion.through(on_circle(0.2), 0.2)
     for t in (0.0, 0.05, 0.2, 3.0):
         np.testing.assert_allclose(motion.over(t), on_circle(t), atol=1e-9)
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    turn=arrays(float, 3, elements=floats(-1.8, 1.8)),
+    shift=arrays(float, 3, elements=floats(-9.0, 9.0)),
+    share=floats(0.0, 1.0),
+)
+def test_the_parts_of_a_motion_make_the_whole(
+    turn: np.ndarray, shift: np.ndarray, share: float
+) -> None:
+    there = homogeneous(Rotation.from_rotvec(turn).as_matrix(), shift)
+    motion = SteadyMotion.through(there, 0.2)
+    np.testing.assert_allclose(motion.over(0.2), there, atol=1e-9)
+    parts = motion.over(0.2 * share) @ motion.over(0.2 * (1 - share))
+    np.testing.assert_allclose(parts, there, atol=1e-9)
+
+
+def test_a_motion_is_the_same_whatever_numpy_draws() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        turn = Rotation.from_rotvec(rng.normal(0, 0.02, 3)).as_matrix()
+        there = homogeneous(turn, rng.normal(0, 0.3, 3))
+        found = set()
+        for seed in range(10):
+            np.random.seed(seed)  # noqa: NPY002  the legacy generator is the one scipy draws from
+            found.add(SteadyMotion.through(there, 0.1).over(0.1).tobytes())
+        assert len(found) == 1
 
 
 def test_a_body_at_rest_stays() -> None:
@@ -39,7 +71,7 @@ def speeds_by(stamps: np.ndarray) -> np.ndarray:
     for k, t in enumerate(stamps):
         T = homogeneous(np.eye(3), np.array([0.2 * k, 0.0, 0.0]))
         if k:
-            found.append(float(wake.motion_to(t, T, 0.0).rates[0, 3]))
+            found.append(float(wake.motion_to(t, T, 0.0).velocity[0]))
         wake.add(t, T)
     return np.array(found[3:])
 
@@ -63,7 +95,7 @@ def test_a_motion_takes_as_long_as_its_sweep() -> None:
     wake = Wake()
     wake.add(0.0, np.eye(4))
     there = homogeneous(np.eye(3), np.array([0.2, 0.0, 0.0]))
-    assert wake.motion_to(0.001, there, 0.1).rates[0, 3] == pytest.approx(0.2 / 0.09)
+    assert wake.motion_to(0.001, there, 0.1).velocity[0] == pytest.approx(0.2 / 0.09)
 
 
 def test_clouds_that_are_really_unevenly_apart_tell_each_motion() -> None:
