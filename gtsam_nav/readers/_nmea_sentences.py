@@ -15,7 +15,8 @@ from gtsam_nav.sensors.noise import GnssNoise
 SENTENCE = re.compile(
     r"\$(?P<body>[A-Z]{2}(?P<kind>[A-Z]{3}),[^*$]*)(?:\*(?P<sum>[0-9A-Fa-f]{2}))?\s*$"
 )
-KINDS = ("GGA", "RMC", "VTG", "HDT")
+KINDS = ("GGA", "RMC", "VTG", "HDT", "HDG", "HDM", "VHW")
+TRUE, MAGNETIC = "HDT", ("HDG", "HDM")
 
 DAY_S = 86400.0
 KNOT_M_S = 1852.0 / 3600.0
@@ -40,6 +41,15 @@ class SentenceFix:
     has_fix: bool = True
 
 
+@dataclass(frozen=True)
+class Told:
+    """A figure; NaN where it is none, and why."""
+
+    time: int
+    value: float = np.nan
+    reason: str = ""
+
+
 @dataclass
 class SentenceLog:
     """What the sentences say, in their order; ``time`` counts in ``clock``."""
@@ -52,8 +62,12 @@ class SentenceLog:
         default_factory=lambda: {"VTG": [], "RMC": []}
     )
     """Time, speed (m/s) and course (rad)."""
-    headings: list[tuple[int, float, str]] = field(default_factory=list)
-    """Time, heading (rad) and why it is none."""
+    headings: dict[str, list[Told]] = field(
+        default_factory=lambda: {TRUE: [], **{kind: [] for kind in MAGNETIC}}
+    )
+    """From true north, and from magnetic north without the compass's deviation; rad."""
+    water_speeds: list[Told] = field(default_factory=list)
+    """Ahead through the water, m/s."""
     others: Counter[str] = field(default_factory=Counter)
     garbled: int = 0
     unsummed: int = 0
@@ -95,8 +109,10 @@ class SentenceLog:
     def _refuse(self, kind: str, reason: str) -> None:
         if kind == "GGA":
             self.fixes.append(SentenceFix(self._now, reason=reason))
-        elif kind == "HDT":
-            self.headings.append((self._now, np.nan, reason))
+        elif kind in self.headings:
+            self.headings[kind].append(Told(self._now, reason=reason))
+        elif kind == "VHW":
+            self.water_speeds.append(Told(self._now, reason=reason))
         else:
             self.garbled += 1
 
@@ -144,9 +160,32 @@ class SentenceLog:
             self.velocities[kind].append((self._now, 0.0, 0.0))
 
     def _hdt(self, f: list[str]) -> None:
-        reason = "" if f[1] else "no heading"
-        heading = np.radians(float(f[1])) if f[1] else np.nan
-        self.headings.append((self._now, heading, reason))
+        self._heading("HDT", f[1])
+
+    def _hdm(self, f: list[str]) -> None:
+        self._heading("HDM", f[1])
+
+    def _hdg(self, f: list[str]) -> None:
+        deviation_deg = float(f[2]) if f[2] else 0.0
+        self._heading("HDG", f[1], -deviation_deg if f[3] == "W" else deviation_deg)
+
+    def _heading(self, kind: str, degrees: str, deviation_deg: float = 0.0) -> None:
+        told = (
+            Told(self._now, np.radians(float(degrees) + deviation_deg))
+            if degrees
+            else Told(self._now, reason="no heading")
+        )
+        self.headings[kind].append(told)
+
+    def _vhw(self, f: list[str]) -> None:
+        knots, km_h = f[5], f[7]
+        if knots:
+            told = Told(self._now, float(knots) * KNOT_M_S)
+        elif km_h:
+            told = Told(self._now, float(km_h) * KM_H_M_S)
+        else:
+            told = Told(self._now, reason="no speed")
+        self.water_speeds.append(told)
 
     def put_on_dates(self) -> None:
         """Give every time of day its day: the nearest to the one before, or RMC's own."""
@@ -162,6 +201,13 @@ class SentenceLog:
         self.zero_s = float(np.floor(stamps[0])) if stamps else 0.0
         # what came before the first time has none
         self.t = np.append(np.array(stamps) - self.zero_s, np.nan)
+
+    @property
+    def compass(self) -> str:
+        """The sentence that tells headings, the true ones first."""
+        return next(
+            (k for k, told in self.headings.items() if any(not h.reason for h in told)), TRUE
+        )
 
     @property
     def velocities_told(self) -> list[tuple[int, float, float]]:
@@ -180,12 +226,6 @@ class SentenceLog:
             found.append(f"{self.garbled} lines are no whole sentence and left out")
         if self.unsummed and not self.summed:
             found.append("the sentences have no checksums: damage goes unnoticed")
-        if self.headings and self.velocities_told:
-            found.append(
-                "'speed' is turned by 'heading': how these agree says nothing of the heading; and"
-                " it is the velocity of the receiver whose fixes 'gnss' has: what is scored on"
-                " these is no independent check"
-            )
         if not self.dated:
             found.append("no RMC sentence tells the date: mission time has no UTC")
         return found

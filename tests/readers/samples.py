@@ -83,6 +83,8 @@ NMEA = [
         test_nmea.rmc(f"12000{k}.0", "010224"),
         test_nmea.gga(f"12000{k}.0", minutes=30 + 0.01 * k),
         test_nmea.hdt(10.0 * k),
+        test_nmea.hdg(10.0 * k, "2.5,W"),
+        test_nmea.vhw(4.0 + k),
     )
 ]
 CARMEN = [

@@ -12,8 +12,10 @@ import yaml
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Origin
+from gtsam_nav.methods import estimate
 from gtsam_nav.mission import Mission
 from gtsam_nav.readers import open_mission
+from gtsam_nav.sensors.orientation import headings_true
 from gtsam_nav.series import DvlSeries, GnssSeries, HeadingSeries
 
 KNOT_M_S = 1852 / 3600
@@ -26,8 +28,10 @@ def sentence(body: str) -> str:
     return f"${body}*{checksum:02X}"
 
 
-def gga(time: str, quality: int = 4, minutes: float = 30.0, hdop: float = 1.0) -> str:
-    place = f"4530.{round(minutes * 1000) - 30000:05d},N,00315.00000,W"
+def gga(
+    time: str, quality: int = 4, minutes: float = 30.0, hdop: float = 1.0, west: float = 15.0
+) -> str:
+    place = f"45{minutes:08.5f},N,003{west:08.5f},W"
     return sentence(f"GPGGA,{time},{place},{quality},12,{hdop},5.0,M,48.0,M,,")
 
 
@@ -241,6 +245,119 @@ def test_positions_of_rmc_alone(tmp_path: Path) -> None:
     )  # fmt: skip
     assert len(fixes_of(read)) == 2
     assert Counter(r.reason for r in read.rejections) == {"no fix": 1}
+
+
+def hdg(degrees: float | str, deviation: str = ",") -> str:
+    return sentence(f"HCHDG,{degrees},{deviation},7.1,W")
+
+
+def vhw(knots: float | str, km_h: float | str = "") -> str:
+    return sentence(f"VWVHW,,T,,M,{knots},N,{km_h},K")
+
+
+def sailed(folder: Path, *others: str, dated: bool = True, seconds: int = 6) -> Mission:
+    """A log of fixes and velocities, with other sentences at each of them."""
+    lines = []
+    for k in range(seconds):
+        lines += [rmc(f"12000{k}.0", "010224")] * dated
+        lines += [gga(f"12000{k}.0", minutes=30.0 + k), *others]
+    return log(folder, *lines)
+
+
+def test_a_magnetic_heading_is_put_right_by_place_and_date(tmp_path: Path) -> None:
+    read = sailed(tmp_path, hdg(60.0, "2.5,W"), sentence("HCHDM,11.0,M"))
+    compass = read.sensors["heading"]
+    assert isinstance(compass.series, HeadingSeries)
+    np.testing.assert_allclose(np.degrees(compass.series.heading), 57.5)
+    true = headings_true(read)
+    assert true is not None
+    # France's Atlantic coast in 2024: about half a degree east
+    np.testing.assert_allclose(np.degrees(true.heading), 57.5 + 0.6, atol=0.5)
+
+
+def test_an_easterly_deviation_is_added_and_hdm_serves_alone(tmp_path: Path) -> None:
+    for line, degrees in ((hdg(60.0, "2.5,E"), 62.5), (sentence("HCHDM,11.0,M"), 11.0)):
+        series = sailed(tmp_path, line).sensors["heading"].series
+        assert isinstance(series, HeadingSeries)
+        np.testing.assert_allclose(np.degrees(series.heading), degrees)
+
+
+def test_a_true_heading_comes_before_a_magnetic_one(tmp_path: Path) -> None:
+    compass = sailed(tmp_path, hdg(60.0), hdt(66.0)).sensors["heading"]
+    assert isinstance(compass.series, HeadingSeries)
+    np.testing.assert_allclose(np.degrees(compass.series.heading), 66.0)
+    assert not compass.noise
+    instead = sailed(tmp_path, hdg(60.0), hdt("")).sensors
+    assert instead["heading"].noise == {"magnetic": True}
+    assert "speed" not in instead
+
+
+def test_a_magnetic_heading_of_an_unknown_day_needs_a_card(tmp_path: Path) -> None:
+    read = sailed(tmp_path, hdg(60.0), dated=False)
+    assert set(read.sensors) == {"gnss"}
+    assert any("6 magnetic headings are left out" in w for w in read.warnings)
+    card = {"mission": {"sensors": {"heading": {"noise": {"declination_deg": 1.5}}}}}
+    (tmp_path / "card.yaml").write_text(yaml.safe_dump(card))
+    true = headings_true(open_mission(tmp_path / "log.nmea", card=tmp_path / "card.yaml"))
+    assert true is not None
+    np.testing.assert_allclose(np.degrees(true.heading), 61.5)
+
+
+def test_a_speed_log_reads_the_water(tmp_path: Path) -> None:
+    """Ten knots is more than a DVL is believed."""
+    read = sailed(tmp_path, vhw(10.0), hdt(90.0))
+    series = read.sensors["log"].series
+    assert isinstance(series, DvlSeries)
+    np.testing.assert_allclose(series.v_d, np.tile([10 * KNOT_M_S, 0, 0], (6, 1)))
+    assert not series.bottom_lock.any()
+    assert "speed" not in read.sensors
+    assert fixes_of(read).v_n is not None, "the receiver's velocity stays its own"
+    in_km_h = sailed(tmp_path, vhw("", 7.2)).sensors["log"].series
+    assert isinstance(in_km_h, DvlSeries)
+    np.testing.assert_allclose(in_km_h.v_d[:, 0], 2.0)
+
+
+@pytest.mark.parametrize("line", [vhw(0.0), vhw("")])
+def test_a_wheel_that_never_turns_is_no_log(tmp_path: Path, line: str) -> None:
+    read = sailed(tmp_path, line, hdt(90.0))
+    assert set(read.sensors) == {"gnss", "heading", "speed"}
+    assert any("6 sentences of a speed log" in w for w in read.warnings)
+
+
+def test_sentences_of_a_compass_and_a_log_that_are_no_figures_are_counted(tmp_path: Path) -> None:
+    read = log(
+        tmp_path, rmc("120000.0", "010224"), gga("120000.0"), hdg(60.0), vhw(3.0),
+        rmc("120001.0", "010224"), gga("120001.0", minutes=31.0), hdg(""), vhw(""),
+        rmc("120002.0", "010224"), gga("120002.0", minutes=32.0),
+        sentence("HCHDG,north,,,,"), sentence("VWVHW,,T,,M,fast,N,,K"),
+    )  # fmt: skip
+    assert Counter((r.sensor, r.reason) for r in read.rejections) == {
+        (name, reason): 1
+        for name, none in (("heading", "no heading"), ("log", "no speed"))
+        for reason in (none, "malformed sentence")
+    }
+
+
+@pytest.mark.slow
+def test_compass_and_log_carry_a_vessel_through_a_silence_of_its_fixes(tmp_path: Path) -> None:
+    """North at 4 knots over a current to the east."""
+    speed_m_s, current_m_s, metres_a_minute = 4 * KNOT_M_S, 0.5, 1852.0
+    over_ground_kn = np.hypot(speed_m_s, current_m_s) / KNOT_M_S
+    course_deg = np.degrees(np.arctan2(current_m_s, speed_m_s))
+    silence = range(120, 240)
+    lines = []
+    for k in range(300):
+        time = f"12{k // 60:02d}{k % 60:02d}.0"
+        minutes = 30.0 + speed_m_s * k / metres_a_minute
+        west = 15.0 - current_m_s * k / (metres_a_minute * np.cos(np.radians(45.5)))
+        status = "V" if k in silence else "A"
+        lines += [rmc(time, "010224", status, over_ground_kn, course_deg)]
+        lines += [] if k in silence else [gga(time, minutes=minutes, west=west)]
+        lines += [hdg(359.4), vhw(4.0)]
+    read = log(tmp_path, *lines)
+    found = estimate(read, "graph").trajectory.interpolate([180.0])
+    p_n = np.array([speed_m_s * 180.0, current_m_s * 180.0])
+    assert np.linalg.norm(found.p_n[0, :2] - p_n) < 10.0
 
 
 def test_a_log_without_positions_and_headings(tmp_path: Path) -> None:
