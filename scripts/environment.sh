@@ -39,7 +39,7 @@ prepare_environment() {
     if [ "$extras" = '[test]' ]; then
         constraints=(--constraint constraints.txt)
     fi
-    # the pip that comes with Python 3.11 can do all that is needed
-    .venv/bin/python -m pip install --quiet "${constraints[@]}" --editable ".$extras"
+    # the pip that comes with Python 3.11 can do all that is needed; what is imported compiles itself
+    .venv/bin/python -m pip install --quiet --no-compile "${constraints[@]}" --editable ".$extras"
     wanted "$extras" >".venv/installed$extras"
 }

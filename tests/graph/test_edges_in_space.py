@@ -139,12 +139,16 @@ def test_a_pose_is_reached_by_whatever_edge_there_is(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_sphere_of_2500_poses() -> None:
-    path = Path(gtsam.findExampleDataFile("sphere2500.txt"))
+def test_the_first_windings_of_the_sphere(tmp_path: Path) -> None:
+    """`benchmarks.speed --only pose_graphs` has all of its 2500 poses."""
+    whole = Path(gtsam.findExampleDataFile("sphere2500.txt")).read_text().splitlines()
+    first = [line for line in whole if max(map(int, line.split()[1:3])) < 600]
+    path = tmp_path / "sphere.txt"
+    path.write_text("\n".join(first) + "\n")
     graph, _ = gtsam.load3D(str(path))
-    assert 2.0 * graph.error(poses_of(solved(path, *LEAST_SQUARES))) == pytest.approx(
-        2265.984, rel=2e-5
-    )
+    ours = poses_of(solved(path, *LEAST_SQUARES))
+    assert ours.size() == 600
+    assert 2.0 * graph.error(ours) == pytest.approx(optimum(graph, ours), rel=2e-5)
 
 
 @pytest.mark.parametrize("times", [1, 7], ids=["shifted", "shuffled"])
