@@ -10,6 +10,7 @@ import numpy as np
 from gtsam_nav.frames import Array, Origin, ned_from_geodetic
 from gtsam_nav.mission import Rejection
 from gtsam_nav.preprocess.cleaning import screen, tidy
+from gtsam_nav.readers.layout import GEODETIC_COLUMNS, HEIGHT_COLUMN
 from gtsam_nav.series import BoolArray, GnssSeries
 
 OFF_THE_GLOBE = "latitude or longitude out of range"
@@ -18,6 +19,10 @@ OFF_THE_GLOBE_MENDED = (
     " are in 1e-7 deg, scale: {lat_deg: 1.0e-7, lon_deg: 1.0e-7}"
 )
 """What a card says where all fixes are off the globe."""
+
+
+NO_HEIGHT_SIGMA_M = 100.0
+"""Of a vertical that nothing tells."""
 
 
 @dataclass(frozen=True)
@@ -70,3 +75,15 @@ class Fixes:
         if self.v_n is not None:
             columns["v_n"] = self.v_n
         return tidy(GnssSeries, sensor_name, columns, refused=reasons)
+
+
+def geodetic_fixes(
+    columns: Mapping[str, Array], sigma: Array, v_n: Array | None, origin: Origin | None
+) -> Fixes:
+    """Fixes of a table's columns; without heights they are near that of the origin, if anywhere."""
+    latitude_deg, longitude_deg = (columns[name] for name in GEODETIC_COLUMNS)
+    height_m = columns.get(HEIGHT_COLUMN)
+    if height_m is None:
+        height_m = np.full(len(sigma), origin.height_m if origin is not None else 0.0)
+        sigma = np.column_stack([sigma[:, :2], np.full(len(sigma), NO_HEIGHT_SIGMA_M)])
+    return Fixes(columns["t"], latitude_deg, longitude_deg, height_m, sigma, v_n)

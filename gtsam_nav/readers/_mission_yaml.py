@@ -27,7 +27,7 @@ from gtsam_nav.cards import (
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Origin, ned_from_geodetic
 from gtsam_nav.mission import InitialState
-from gtsam_nav.readers.layout import GEODETIC_COLUMNS, LAYOUTS
+from gtsam_nav.readers.layout import GEODETIC_COLUMNS, HEIGHT_COLUMN, LAYOUTS
 from gtsam_nav.series import SERIES_TYPES
 
 MISSION_FILE = "mission.yaml"
@@ -162,7 +162,7 @@ class SensorEntry(SensorCard):
     def _columns_are_known(self) -> SensorEntry:
         layout = LAYOUTS.get(self.type, ())
         known = ["t", *(column for spec in layout for column in spec.columns)]
-        known += GEODETIC_COLUMNS if self.type == "gnss" else ()
+        known += (*GEODETIC_COLUMNS, HEIGHT_COLUMN) if self.type == "gnss" else ()
         unknown = [name for name in (*self.columns, *self.scale) if name not in known]
         if unknown:
             raise ValueError(

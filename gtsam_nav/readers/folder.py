@@ -47,7 +47,7 @@ from gtsam_nav.preprocess.repeats import without_repeats
 from gtsam_nav.readers._clock import on_mission_time
 from gtsam_nav.readers._columns import not_whole, of_a_log, values_of
 from gtsam_nav.readers._edge_table import read_edges
-from gtsam_nav.readers._gnss import OFF_THE_GLOBE, OFF_THE_GLOBE_MENDED, Fixes
+from gtsam_nav.readers._gnss import OFF_THE_GLOBE, OFF_THE_GLOBE_MENDED, geodetic_fixes
 from gtsam_nav.readers._mended_table import mended, onto_one_day, said_of_midnight
 from gtsam_nav.readers._mission_yaml import (
     EDGES,
@@ -62,7 +62,13 @@ from gtsam_nav.readers._mounting import in_body_axes
 from gtsam_nav.readers._npz import read_beams, read_scans
 from gtsam_nav.readers._rejections import REJECTIONS_FILE, read_rejections
 from gtsam_nav.readers._table import Table, read_named_files, read_table, truncation
-from gtsam_nav.readers.layout import GEODETIC_COLUMNS, LAYOUTS, NED_COLUMNS, Field
+from gtsam_nav.readers.layout import (
+    GEODETIC_COLUMNS,
+    HEIGHT_COLUMN,
+    LAYOUTS,
+    NED_COLUMNS,
+    Field,
+)
 from gtsam_nav.sensors.noise import NOISE_MODELS
 from gtsam_nav.series import SERIES_TYPES, CloudSeries, ScanSeries, Series
 from gtsam_nav.solution import Progress, no_progress
@@ -259,8 +265,10 @@ class _Reading:
     def _geodetic(self, name: str, table: Table, noise: Any, layout: tuple[Field, ...]) -> Cleaned:
         _, sigma, v_n = (values_of(spec, table, noise) for spec in layout)
         assert sigma is not None
-        lat, lon, height = (table.columns[c] for c in GEODETIC_COLUMNS)
-        fixes = Fixes(table.columns["t"], lat, lon, height, sigma, v_n)
+        fixes = geodetic_fixes(table.columns, sigma, v_n, self.origin)
+        if not table.has((HEIGHT_COLUMN,)):
+            what = f"{table.path.name} has no heights ({HEIGHT_COLUMN})"
+            self.warnings.append(f"sensor '{name}': {what}: its fixes tell north and east")
         if self.origin is None:
             self.origin = fixes.first_usable()
             if self.origin is not None:
@@ -278,6 +286,7 @@ class _Reading:
             required, optional = ["t", "vx"], ["vy", "vz", *optional]
         words = {c: spec.words for spec in layout if spec.words for c in spec.columns}
         instead = (NED_COLUMNS, GEODETIC_COLUMNS) if entry.type == "gnss" else None
+        optional += [HEIGHT_COLUMN] if entry.type == "gnss" else []
         table = read_table(
             path,
             required,

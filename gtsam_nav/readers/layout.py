@@ -44,8 +44,10 @@ LOCK_WORDS = {"bottom": 1.0, "water": 0.0}
 
 NED_COLUMNS = ("n", "e", "d")
 
-GEODETIC_COLUMNS = ("lat_deg", "lon_deg", "h_m")
-"""Stand for n, e, d in a GNSS file where the mission has an origin."""
+GEODETIC_COLUMNS = ("lat_deg", "lon_deg")
+"""Stand for n, e, d in a GNSS file."""
+HEIGHT_COLUMN = "h_m"
+"""Goes with these; loggers of boats leave it out."""
 
 LAYOUTS: dict[str, tuple[Field, ...]] = {
     "imu": (

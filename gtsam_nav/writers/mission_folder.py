@@ -25,7 +25,7 @@ from gtsam_nav.pose_edges import PoseEdges
 from gtsam_nav.readers._edge_table import edge_columns
 from gtsam_nav.readers._rejections import COLUMNS, REJECTIONS_FILE
 from gtsam_nav.readers.clouds import cloud_table, load
-from gtsam_nav.readers.layout import GEODETIC_COLUMNS, LAYOUTS, NED_COLUMNS
+from gtsam_nav.readers.layout import GEODETIC_COLUMNS, HEIGHT_COLUMN, LAYOUTS, NED_COLUMNS
 from gtsam_nav.series import (
     BeamSeries,
     CloudSeries,
@@ -226,7 +226,7 @@ def _write_numbers(series: Series, mission: Mission, path: Path) -> None:
         if spec.degrees:
             values = np.degrees(values)
         if names == NED_COLUMNS and series.TYPE == "gnss" and mission.origin is not None:
-            names = GEODETIC_COLUMNS
+            names = (*GEODETIC_COLUMNS, HEIGHT_COLUMN)
             values = np.column_stack(geodetic_from_ned(values, mission.origin))
         if spec.words is not None:
             worded[names[0]] = {number: word for word, number in spec.words.items()}.__getitem__

@@ -486,7 +486,7 @@ def test_invented_descriptions_never_crash_the_reader(tmp_path: Path, text: str 
     opened_or_refused(tmp_path)
 
 
-def test_fixes_without_a_height_lack_it_and_no_local_coordinates(tmp_path: Path) -> None:
-    folder = one_sensor_folder(tmp_path, "gnss", "t,lat_deg,lon_deg\n0,42,3\n")
-    with pytest.raises(DataError, match="column 'h_m' is missing"):
+def test_fixes_without_a_longitude_lack_it_and_no_local_coordinates(tmp_path: Path) -> None:
+    folder = one_sensor_folder(tmp_path, "gnss", "t,lat_deg,h_m\n0,42,3\n")
+    with pytest.raises(DataError, match="column 'lon_deg' is missing"):
         open_mission(folder)

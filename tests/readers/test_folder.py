@@ -248,6 +248,22 @@ def test_fixes_in_degrees_become_local(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    "origin", ["", "origin: {latitude_deg: 42, longitude_deg: 3, height_m: 50}"]
+)
+def test_fixes_without_heights_tell_north_and_east(tmp_path: Path, origin: str) -> None:
+    text = csv("t,lat_deg,lon_deg,sigma_n,sigma_e,sigma_d", 42, 3, 1, 2, 3)
+    folder = one_sensor_folder(tmp_path, "gnss", text)
+    with (folder / "mission.yaml").open("a") as described:
+        described.write(origin)
+    mission = open_mission(folder)
+    series = mission.sensors["x"].series
+    assert isinstance(series, GnssSeries)
+    np.testing.assert_allclose(series.p_n[0], 0.0, atol=1e-9)
+    np.testing.assert_array_equal(series.sigma[0], [1, 2, 100])
+    assert any("x.csv has no heights (h_m)" in warning for warning in mission.warnings)
+
+
+@pytest.mark.parametrize(
     ("fix", "line"),
     [
         ("114.2,3.5", "columns: {lat_deg: lon_deg, lon_deg: lat_deg}"),
