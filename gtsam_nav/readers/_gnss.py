@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -11,18 +11,18 @@ from gtsam_nav.frames import Array, Origin, ned_from_geodetic
 from gtsam_nav.mission import Rejection
 from gtsam_nav.preprocess.cleaning import screen, tidy
 from gtsam_nav.readers.layout import GEODETIC_COLUMNS, HEIGHT_COLUMN
+from gtsam_nav.sensors.noise import GnssNoise
 from gtsam_nav.series import BoolArray, GnssSeries
 
+NO_HEIGHT_SIGMA_M = 100.0
+"""Of a vertical that nothing tells."""
+NO_HEIGHTS = "no heights: they tell north and east"
 OFF_THE_GLOBE = "latitude or longitude out of range"
 OFF_THE_GLOBE_MENDED = (
     "; where they are exchanged, columns: {lat_deg: lon_deg, lon_deg: lat_deg} mends it, where they"
     " are in 1e-7 deg, scale: {lat_deg: 1.0e-7, lon_deg: 1.0e-7}"
 )
 """What a card says where all fixes are off the globe."""
-
-
-NO_HEIGHT_SIGMA_M = 100.0
-"""Of a vertical that nothing tells."""
 
 
 @dataclass(frozen=True)
@@ -78,12 +78,21 @@ class Fixes:
 
 
 def geodetic_fixes(
-    columns: Mapping[str, Array], sigma: Array, v_n: Array | None, origin: Origin | None
-) -> Fixes:
-    """Fixes of a table's columns; without heights they are near that of the origin, if anywhere."""
+    columns: Mapping[str, Array], sigma: Array, v_n: Array | None
+) -> tuple[Fixes, bool]:
+    """Fixes of a table's columns, and whether it has their heights."""
     latitude_deg, longitude_deg = (columns[name] for name in GEODETIC_COLUMNS)
-    height_m = columns.get(HEIGHT_COLUMN)
-    if height_m is None:
-        height_m = np.full(len(sigma), origin.height_m if origin is not None else 0.0)
-        sigma = np.column_stack([sigma[:, :2], np.full(len(sigma), NO_HEIGHT_SIGMA_M)])
-    return Fixes(columns["t"], latitude_deg, longitude_deg, height_m, sigma, v_n)
+    height_m = columns.get(HEIGHT_COLUMN, np.full(len(sigma), np.nan))
+    fixes = Fixes(columns["t"], latitude_deg, longitude_deg, height_m, sigma, v_n)
+    return fixes, bool(np.any(np.isfinite(height_m)))
+
+
+def without_heights(fixes: Fixes, noise: GnssNoise, origin: Origin | None) -> Fixes:
+    """Fixes of unknown height: near that of the origin, if anywhere, or as sure as a card says."""
+    is_stated = "sigma_vertical_m" in noise.model_fields_set
+    vertical = noise.sigma_vertical_m if is_stated else NO_HEIGHT_SIGMA_M
+    return replace(
+        fixes,
+        height_m=np.full(len(fixes.t), origin.height_m if origin is not None else 0.0),
+        sigma=np.column_stack([fixes.sigma[:, :2], np.full(len(fixes.t), vertical)]),
+    )

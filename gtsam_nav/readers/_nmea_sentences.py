@@ -13,10 +13,11 @@ from gtsam_nav.frames import Array
 from gtsam_nav.sensors.noise import GnssNoise
 
 SENTENCE = re.compile(
-    r"\$(?P<body>[A-Z]{2}(?P<kind>[A-Z]{3}),[^*$]*)(?:\*(?P<sum>[0-9A-Fa-f]{2}))?\s*$"
+    r"\$(?P<body>(?P<address>[A-Z]{2}(?P<kind>[A-Z]{3})),[^*$]*)(?:\*(?P<sum>[0-9A-Fa-f]{2}))?\s*$"
 )
 KINDS = ("GGA", "RMC", "VTG", "HDT", "HDG", "HDM", "VHW")
-TRUE, MAGNETIC = "HDT", ("HDG", "HDM")
+TRUE, LOG = "HDT", "VHW"
+HEADINGS = (TRUE, "HDG", "HDM")
 
 DAY_S = 86400.0
 KNOT_M_S = 1852.0 / 3600.0
@@ -62,12 +63,10 @@ class SentenceLog:
         default_factory=lambda: {"VTG": [], "RMC": []}
     )
     """Time, speed (m/s) and course (rad)."""
-    headings: dict[str, list[Told]] = field(
-        default_factory=lambda: {TRUE: [], **{kind: [] for kind in MAGNETIC}}
-    )
-    """From true north, and from magnetic north without the compass's deviation; rad."""
-    water_speeds: list[Told] = field(default_factory=list)
-    """Ahead through the water, m/s."""
+    headings: dict[str, list[Told]] = field(default_factory=dict)
+    """By talker and kind: from true north, or from magnetic north, the deviation applied; rad."""
+    water_speeds: dict[str, list[Told]] = field(default_factory=dict)
+    """By talker and kind: ahead, m/s."""
     others: Counter[str] = field(default_factory=Counter)
     garbled: int = 0
     unsummed: int = 0
@@ -89,11 +88,19 @@ class SentenceLog:
         reason = self._checksum_fault(body, match["sum"])
         try:
             if not reason:
-                getattr(self, f"_{kind.lower()}")(body.split(","))
+                self._read(match["address"], kind, body.split(","))
                 return
         except (ValueError, IndexError):
             reason = MALFORMED
-        self._refuse(kind, reason)
+        self._refuse(match["address"], kind, reason)
+
+    def _read(self, address: str, kind: str, fields: list[str]) -> None:
+        if kind in HEADINGS:
+            self._tell(self.headings, address, _heading(kind, fields), "no heading")
+        elif kind == LOG:
+            self._tell(self.water_speeds, address, _water_speed(fields), "no speed")
+        else:
+            {"GGA": self._gga, "RMC": self._rmc, "VTG": self._vtg}[kind](fields)
 
     def _checksum_fault(self, body: str, stated: str | None) -> str:
         if stated is None:
@@ -106,13 +113,19 @@ class SentenceLog:
             checksum ^= ord(character)
         return "" if checksum == int(stated, 16) else BAD_CHECKSUM
 
-    def _refuse(self, kind: str, reason: str) -> None:
+    def _tell(
+        self, figures: dict[str, list[Told]], address: str, value: float | None, lacking: str
+    ) -> None:
+        told = Told(self._now, reason=lacking) if value is None else Told(self._now, value)
+        figures.setdefault(address, []).append(told)
+
+    def _refuse(self, address: str, kind: str, reason: str) -> None:
         if kind == "GGA":
             self.fixes.append(SentenceFix(self._now, reason=reason))
-        elif kind in self.headings:
-            self.headings[kind].append(Told(self._now, reason=reason))
-        elif kind == "VHW":
-            self.water_speeds.append(Told(self._now, reason=reason))
+        elif kind in HEADINGS:
+            self._tell(self.headings, address, None, reason)
+        elif kind == LOG:
+            self._tell(self.water_speeds, address, None, reason)
         else:
             self.garbled += 1
 
@@ -154,38 +167,13 @@ class SentenceLog:
             self._velocity("VTG", speed, f[1])
 
     def _velocity(self, kind: str, speed: float, course_deg: str) -> None:
+        course = float(course_deg or 0.0)
+        if not (np.isfinite(speed) and np.isfinite(course)):
+            raise ValueError("no velocity")
         if course_deg:
-            self.velocities[kind].append((self._now, speed, np.radians(float(course_deg))))
+            self.velocities[kind].append((self._now, speed, np.radians(course)))
         elif speed <= SLOW_M_S:
             self.velocities[kind].append((self._now, 0.0, 0.0))
-
-    def _hdt(self, f: list[str]) -> None:
-        self._heading("HDT", f[1])
-
-    def _hdm(self, f: list[str]) -> None:
-        self._heading("HDM", f[1])
-
-    def _hdg(self, f: list[str]) -> None:
-        deviation_deg = float(f[2]) if f[2] else 0.0
-        self._heading("HDG", f[1], -deviation_deg if f[3] == "W" else deviation_deg)
-
-    def _heading(self, kind: str, degrees: str, deviation_deg: float = 0.0) -> None:
-        told = (
-            Told(self._now, np.radians(float(degrees) + deviation_deg))
-            if degrees
-            else Told(self._now, reason="no heading")
-        )
-        self.headings[kind].append(told)
-
-    def _vhw(self, f: list[str]) -> None:
-        knots, km_h = f[5], f[7]
-        if knots:
-            told = Told(self._now, float(knots) * KNOT_M_S)
-        elif km_h:
-            told = Told(self._now, float(km_h) * KM_H_M_S)
-        else:
-            told = Told(self._now, reason="no speed")
-        self.water_speeds.append(told)
 
     def put_on_dates(self) -> None:
         """Give every time of day its day: the nearest to the one before, or RMC's own."""
@@ -201,13 +189,6 @@ class SentenceLog:
         self.zero_s = float(np.floor(stamps[0])) if stamps else 0.0
         # what came before the first time has none
         self.t = np.append(np.array(stamps) - self.zero_s, np.nan)
-
-    @property
-    def compass(self) -> str:
-        """The sentence that tells headings, the true ones first."""
-        return next(
-            (k for k, told in self.headings.items() if any(not h.reason for h in told)), TRUE
-        )
 
     @property
     def velocities_told(self) -> list[tuple[int, float, float]]:
@@ -229,6 +210,24 @@ class SentenceLog:
         if not self.dated:
             found.append("no RMC sentence tells the date: mission time has no UTC")
         return found
+
+
+def _heading(kind: str, f: list[str]) -> float | None:
+    """Of HDT, HDG or HDM, rad; the deviation that HDG may state is put right."""
+    if not f[1]:
+        return None
+    deviation, side = (*f[2:4], "", "")[:2] if kind == "HDG" else ("", "")
+    if side not in ("E", "W") and float(deviation or 0.0):
+        raise ValueError("a deviation to neither side")
+    sign = -1.0 if side == "W" else 1.0
+    return float(np.radians(float(f[1]) + sign * float(deviation or 0.0)))
+
+
+def _water_speed(f: list[str]) -> float | None:
+    """Of VHW, m/s; in knots or, where these are missing, in km/h."""
+    if f[5]:
+        return float(f[5]) * KNOT_M_S
+    return float(f[7]) * KM_H_M_S if f[7] else None
 
 
 def _degrees(text: str, hemisphere: str) -> float:

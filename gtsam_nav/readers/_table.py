@@ -91,7 +91,8 @@ def read_table(
     if instead is not None:
         usual, other = instead
         or_else = f" ({', '.join(other)} may stand for {', '.join(usual)})"
-        if sum(name in names for name in other) > sum(name in names for name in usual):
+        is_other = {*other} <= {*names} and not {*usual} <= {*names}
+        if is_other or sum(c in names for c in other) > sum(c in names for c in usual):
             needed = [name for name in needed if name not in usual] + list(other)
     missing = [name for name in needed if name not in names]
     if missing:

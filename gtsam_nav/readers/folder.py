@@ -47,7 +47,13 @@ from gtsam_nav.preprocess.repeats import without_repeats
 from gtsam_nav.readers._clock import on_mission_time
 from gtsam_nav.readers._columns import not_whole, of_a_log, values_of
 from gtsam_nav.readers._edge_table import read_edges
-from gtsam_nav.readers._gnss import OFF_THE_GLOBE, OFF_THE_GLOBE_MENDED, geodetic_fixes
+from gtsam_nav.readers._gnss import (
+    NO_HEIGHTS,
+    OFF_THE_GLOBE,
+    OFF_THE_GLOBE_MENDED,
+    geodetic_fixes,
+    without_heights,
+)
 from gtsam_nav.readers._mended_table import mended, onto_one_day, said_of_midnight
 from gtsam_nav.readers._mission_yaml import (
     EDGES,
@@ -265,10 +271,12 @@ class _Reading:
     def _geodetic(self, name: str, table: Table, noise: Any, layout: tuple[Field, ...]) -> Cleaned:
         _, sigma, v_n = (values_of(spec, table, noise) for spec in layout)
         assert sigma is not None
-        fixes = geodetic_fixes(table.columns, sigma, v_n, self.origin)
-        if not table.has((HEIGHT_COLUMN,)):
-            what = f"{table.path.name} has no heights ({HEIGHT_COLUMN})"
-            self.warnings.append(f"sensor '{name}': {what}: its fixes tell north and east")
+        fixes, has_heights = geodetic_fixes(table.columns, sigma, v_n)
+        if not has_heights:
+            fixes = without_heights(fixes, noise, self.origin)
+            self.warnings.append(
+                f"sensor '{name}': the fixes of {table.path.name} have {NO_HEIGHTS}"
+            )
         if self.origin is None:
             self.origin = fixes.first_usable()
             if self.origin is not None:

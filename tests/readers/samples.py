@@ -83,6 +83,13 @@ NMEA = [
         test_nmea.rmc(f"12000{k}.0", "010224"),
         test_nmea.gga(f"12000{k}.0", minutes=30 + 0.01 * k),
         test_nmea.hdt(10.0 * k),
+    )
+]
+NMEA_OF_A_BOAT = [
+    line
+    for k in range(6)
+    for line in (
+        test_nmea.rmc(f"12000{k}.0", "010224"),
         test_nmea.hdg(10.0 * k, "2.5,W"),
         test_nmea.vhw(4.0 + k),
     )
@@ -272,6 +279,9 @@ SUBJECTS: dict[str, Subject] = {
     "ROS bag, db3": Subject(bag("sqlite3", 40), open_whole, share=0.15),
     "ROS bag, mcap": Subject(bag("mcap", 40), open_whole, share=0.15),
     "NMEA 0183 log": Subject(SAMPLES["NMEA 0183 log"], open_whole, with_checksums),
+    "NMEA 0183 log of a boat": Subject(
+        text("boat.nmea", NMEA_OF_A_BOAT), open_whole, with_checksums
+    ),
     "NMEA, gzipped": Subject(gzipped_nmea, open_whole),
     "CARMEN, bzipped": Subject(bzipped_carmen, open_whole),
     "CSV with a card": Subject(card_and_files, open_by_card),

@@ -250,8 +250,19 @@ def test_fixes_in_degrees_become_local(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "origin", ["", "origin: {latitude_deg: 42, longitude_deg: 3, height_m: 50}"]
 )
-def test_fixes_without_heights_tell_north_and_east(tmp_path: Path, origin: str) -> None:
-    text = csv("t,lat_deg,lon_deg,sigma_n,sigma_e,sigma_d", 42, 3, 1, 2, 3)
+@pytest.mark.parametrize(
+    ("columns", "values"),
+    [
+        ("lat_deg,lon_deg", (42, 3)),
+        ("lat_deg,lon_deg,h_m", (42, 3, "")),
+        ("n,e,lat_deg,lon_deg", (7, 8, 42, 3)),
+    ],
+    ids=["none", "empty", "beside local ones"],
+)
+def test_fixes_without_heights_tell_north_and_east(
+    tmp_path: Path, origin: str, columns: str, values: tuple[object, ...]
+) -> None:
+    text = csv(f"t,{columns},sigma_n,sigma_e,sigma_d", *values, 1, 2, 3)
     folder = one_sensor_folder(tmp_path, "gnss", text)
     with (folder / "mission.yaml").open("a") as described:
         described.write(origin)
@@ -260,7 +271,15 @@ def test_fixes_without_heights_tell_north_and_east(tmp_path: Path, origin: str) 
     assert isinstance(series, GnssSeries)
     np.testing.assert_allclose(series.p_n[0], 0.0, atol=1e-9)
     np.testing.assert_array_equal(series.sigma[0], [1, 2, 100])
-    assert any("x.csv has no heights (h_m)" in warning for warning in mission.warnings)
+    assert any("x.csv have no heights" in warning for warning in mission.warnings)
+
+
+def test_a_card_may_say_how_well_the_height_is_known(tmp_path: Path) -> None:
+    text, noise = csv("t,lat_deg,lon_deg", 42, 3), {"sigma_vertical_m": 0.5}
+    folder = one_sensor_folder(tmp_path, "gnss", text, noise=noise)
+    series = open_mission(folder).sensors["x"].series
+    assert isinstance(series, GnssSeries)
+    assert series.sigma[0, 2] == 0.5
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from gtsam_nav.mission import Mission
 from gtsam_nav.readers import open_mission
 from gtsam_nav.sensors.orientation import headings_true
 from gtsam_nav.series import DvlSeries, GnssSeries, HeadingSeries
+from gtsam_nav.writers.mission_folder import write_mission
 
 KNOT_M_S = 1852 / 3600
 
@@ -282,25 +283,83 @@ def test_an_easterly_deviation_is_added_and_hdm_serves_alone(tmp_path: Path) -> 
         np.testing.assert_allclose(np.degrees(series.heading), degrees)
 
 
-def test_a_true_heading_comes_before_a_magnetic_one(tmp_path: Path) -> None:
-    compass = sailed(tmp_path, hdg(60.0), hdt(66.0)).sensors["heading"]
-    assert isinstance(compass.series, HeadingSeries)
-    np.testing.assert_allclose(np.degrees(compass.series.heading), 66.0)
-    assert not compass.noise
+def degrees_of(mission: Mission) -> list[float]:
+    series = mission.sensors["heading"].series
+    assert isinstance(series, HeadingSeries)
+    return np.degrees(series.heading).round(6).tolist()  # type: ignore[no-any-return]
+
+
+def test_a_true_heading_comes_before_a_magnetic_one_and_it_is_said(tmp_path: Path) -> None:
+    read = sailed(tmp_path, hdg(60.0), hdt(66.0))
+    assert degrees_of(read) == [66.0] * 6
+    assert not read.sensors["heading"].noise
+    assert any("HCHDG (6) are left out: GPHDT is taken" in w for w in read.warnings)
     instead = sailed(tmp_path, hdg(60.0), hdt("")).sensors
     assert instead["heading"].noise == {"magnetic": True}
     assert "speed" not in instead
 
 
-def test_a_magnetic_heading_of_an_unknown_day_needs_a_card(tmp_path: Path) -> None:
-    read = sailed(tmp_path, hdg(60.0), dated=False)
+def test_of_two_compasses_the_one_that_tells_most_is_taken(tmp_path: Path) -> None:
+    rare = [*(gga("115959.0"), hdt(10.0)), *(rmc("120000.0", "010224"), gga("120000.0"), hdt(10.0))]
+    rest = [rmc("120000.0", "010224")]
+    for k in range(1, 8):
+        rest += [gga(f"12000{k}.0", minutes=30.0 + k), hdg(60.0)]
+    assert degrees_of(log(tmp_path, *rare, *rest)) == [60.0] * 7
+    other = sentence("HEHDT,80.0,T")
+    both = []
+    for k in range(6):
+        both += [rmc(f"12000{k}.0", "010224"), gga(f"12000{k}.0"), other, hdt(66.0) if k else ""]
+    assert degrees_of(log(tmp_path, *both)) == [80.0] * 6
+
+
+def test_before_the_first_time_a_heading_tells_nothing(tmp_path: Path) -> None:
+    lines = [hdt(10.0)]
+    for k in range(6):
+        lines += [rmc(f"12000{k}.0", "010224"), gga(f"12000{k}.0", minutes=30.0 + k), hdg(60.0)]
+    assert degrees_of(log(tmp_path, *lines)) == [60.0] * 6
+
+
+def test_of_headings_without_a_time_of_their_own_one_is_taken(tmp_path: Path) -> None:
+    read = sailed(tmp_path, *(hdt(60.0 + k) for k in range(10)))
+    assert degrees_of(read) == [60.0] * 6
+    assert not read.rejections
+    assert any("54 headings have no time of their own" in w for w in read.warnings)
+
+
+@pytest.mark.parametrize("line", ["HCHDG,,,,,", "HCHDG,60.0,2.5,,,", "HCHDG,north,,,,"])
+def test_headings_that_are_none_are_counted(tmp_path: Path, line: str) -> None:
+    read = sailed(tmp_path, sentence(line))
+    assert "heading" not in read.sensors
+    assert Counter(r.sensor for r in read.rejections) == {"heading": 6}
+
+
+def test_short_sentences_are_read(tmp_path: Path) -> None:
+    read = sailed(tmp_path, sentence("HCHDG,60.0"), sentence("VWVHW,,T,,M,4.0,N"))
+    assert degrees_of(read) == [60.0] * 6
+    assert len(read.sensors["log"].series) == 6
+
+
+@pytest.mark.parametrize("date", [None, "010205"])
+def test_a_magnetic_heading_of_an_unknown_day_needs_a_card(
+    tmp_path: Path, date: str | None
+) -> None:
+    """Before 2010 the model knows no declination."""
+    lines = []
+    for k in range(6):
+        lines += [rmc(f"12000{k}.0", date)] if date else []
+        lines += [gga(f"12000{k}.0", minutes=30.0 + k), hdg(60.0)]
+    read = log(tmp_path, *lines)
     assert set(read.sensors) == {"gnss"}
-    assert any("6 magnetic headings are left out" in w for w in read.warnings)
-    card = {"mission": {"sensors": {"heading": {"noise": {"declination_deg": 1.5}}}}}
-    (tmp_path / "card.yaml").write_text(yaml.safe_dump(card))
-    true = headings_true(open_mission(tmp_path / "log.nmea", card=tmp_path / "card.yaml"))
-    assert true is not None
-    np.testing.assert_allclose(np.degrees(true.heading), 61.5)
+    why = "the magnetic declination of 2005-02-01 is unknown" if date else "no RMC sentence tells"
+    assert any(f"6 magnetic headings are left out: {why}" in w for w in read.warnings)
+    for noise, degrees in (
+        ({"declination_deg": 1.5}, 61.5),
+        ({"declination_deg": 0.0}, 60.0),
+        ({"magnetic": False}, 60.0),
+    ):
+        true = headings_true(by_card(tmp_path, {"heading": {"noise": noise}}, *lines))
+        assert true is not None
+        np.testing.assert_allclose(np.degrees(true.heading), degrees)
 
 
 def test_a_speed_log_reads_the_water(tmp_path: Path) -> None:
@@ -317,11 +376,35 @@ def test_a_speed_log_reads_the_water(tmp_path: Path) -> None:
     np.testing.assert_allclose(in_km_h.v_d[:, 0], 2.0)
 
 
+def test_a_fast_log_passes_through_a_mission_folder(tmp_path: Path) -> None:
+    write_mission(sailed(tmp_path, vhw(18.0), hdt(90.0)), tmp_path / "folder")
+    assert len(open_mission(tmp_path / "folder").sensors["log"].series) == 6
+
+
 @pytest.mark.parametrize("line", [vhw(0.0), vhw("")])
 def test_a_wheel_that_never_turns_is_no_log(tmp_path: Path, line: str) -> None:
     read = sailed(tmp_path, line, hdt(90.0))
     assert set(read.sensors) == {"gnss", "heading", "speed"}
-    assert any("6 sentences of a speed log" in w for w in read.warnings)
+    assert any("no speed but 0 in 6 sentences of a speed log" in w for w in read.warnings)
+
+
+def test_a_wheel_that_is_fouled_on_the_way_is_no_log(tmp_path: Path) -> None:
+    lines = []
+    for k in range(8):
+        clock = (rmc(f"12000{k}.0", "010224", speed=6.0), gga(f"12000{k}.0", minutes=30.0 + k))
+        lines += [*clock, hdt(90.0), vhw(6.0 if k < 5 else 0.0)]
+    read = log(tmp_path, *lines)
+    assert set(read.sensors) == {"gnss", "heading", "speed"}
+    assert any("(VWVHW) stands still at 38% of the times" in w for w in read.warnings)
+
+
+def test_velocities_far_from_any_heading_stay_with_the_fixes(tmp_path: Path) -> None:
+    lines = [gga("115900.0"), hdt(90.0)]
+    for k in range(6):
+        lines += [rmc(f"12000{k}.0", "010224"), gga(f"12000{k}.0", minutes=30.0 + k)]
+    read = log(tmp_path, *lines[2:], *lines[:2])
+    assert set(read.sensors) == {"gnss", "heading"}
+    assert not any("'speed' is turned" in w for w in read.warnings)
 
 
 def test_sentences_of_a_compass_and_a_log_that_are_no_figures_are_counted(tmp_path: Path) -> None:
@@ -339,25 +422,30 @@ def test_sentences_of_a_compass_and_a_log_that_are_no_figures_are_counted(tmp_pa
 
 
 @pytest.mark.slow
-def test_compass_and_log_carry_a_vessel_through_a_silence_of_its_fixes(tmp_path: Path) -> None:
-    """North at 4 knots over a current to the east."""
-    speed_m_s, current_m_s, metres_a_minute = 4 * KNOT_M_S, 0.5, 1852.0
-    over_ground_kn = np.hypot(speed_m_s, current_m_s) / KNOT_M_S
-    course_deg = np.degrees(np.arctan2(current_m_s, speed_m_s))
+@pytest.mark.parametrize(("off_deg", "least_m", "most_m"), [(0.0, 0.0, 12.0), (60.0, 20.0, np.inf)])
+def test_compass_and_log_carry_a_vessel_around_a_corner(
+    tmp_path: Path, off_deg: float, least_m: float, most_m: float
+) -> None:
+    """North at 4 knots, then east, over a current to the east; no fixes about the corner.
+
+    A compass that is off there alone leads astray: it is listened to.
+    """
+    speed_m_s, current_m_s, metres_a_minute, corner = 4 * KNOT_M_S, 0.5, 1852.0, 180
     silence = range(120, 240)
     lines = []
     for k in range(300):
+        n, e = speed_m_s * min(k, corner), speed_m_s * max(k - corner, 0) + current_m_s * k
+        v_n, v_e = (speed_m_s, current_m_s) if k < corner else (0.0, speed_m_s + current_m_s)
         time = f"12{k // 60:02d}{k % 60:02d}.0"
-        minutes = 30.0 + speed_m_s * k / metres_a_minute
-        west = 15.0 - current_m_s * k / (metres_a_minute * np.cos(np.radians(45.5)))
-        status = "V" if k in silence else "A"
-        lines += [rmc(time, "010224", status, over_ground_kn, course_deg)]
-        lines += [] if k in silence else [gga(time, minutes=minutes, west=west)]
-        lines += [hdg(359.4), vhw(4.0)]
-    read = log(tmp_path, *lines)
-    found = estimate(read, "graph").trajectory.interpolate([180.0])
-    p_n = np.array([speed_m_s * 180.0, current_m_s * 180.0])
-    assert np.linalg.norm(found.p_n[0, :2] - p_n) < 10.0
+        west = 15.0 - e / (metres_a_minute * np.cos(np.radians(45.5)))
+        moving = (np.hypot(v_n, v_e) / KNOT_M_S, np.degrees(np.arctan2(v_e, v_n)))
+        lines += [rmc(time, "010224", "V" if k in silence else "A", *moving)]
+        lines += [] if k in silence else [gga(time, minutes=30.0 + n / metres_a_minute, west=west)]
+        true_deg = 90.0 * (k >= corner) + off_deg * (k in silence)
+        lines += [hdg((true_deg - 0.6) % 360.0), vhw(4.0)]
+    found = estimate(log(tmp_path, *lines), "graph").trajectory.interpolate([float(corner)])
+    wanted = np.array([speed_m_s * corner, current_m_s * corner])
+    assert least_m < np.linalg.norm(found.p_n[0, :2] - wanted) < most_m
 
 
 def test_a_log_without_positions_and_headings(tmp_path: Path) -> None:
