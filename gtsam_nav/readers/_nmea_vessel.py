@@ -51,7 +51,7 @@ class Found:
     rejections: Sequence[Rejection] = ()
     told: Sequence[str] = ()
     is_true: bool = False
-    """Of a heading: whether it is the sentence's own that it is from true north."""
+    """Whether it is a heading that was told from true north."""
 
 
 def compass(log: SentenceLog, noise: HeadingNoise, origin: Origin | None) -> Found:
@@ -88,7 +88,7 @@ def compass(log: SentenceLog, noise: HeadingNoise, origin: Origin | None) -> Fou
     refused = _refused(columns["t"], figures)
     series, rejections = tidy(HeadingSeries, "heading", columns, refused=refused)
     sensor = Sensor("heading", "heading", series, noise=described) if series else None
-    return Found(sensor, rejections, (*said, *many), is_true)
+    return Found(sensor, rejections, (*said, *many), is_true and sensor is not None)
 
 
 def _unknown_declination(log: SentenceLog, origin: Origin | None) -> str:

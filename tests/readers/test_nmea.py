@@ -326,10 +326,10 @@ def test_of_headings_without_a_time_of_their_own_one_is_taken(tmp_path: Path) ->
     assert any("54 headings have no time of their own" in w for w in read.warnings)
 
 
-@pytest.mark.parametrize("line", ["HCHDG,,,,,", "HCHDG,60.0,2.5,,,", "HCHDG,north,,,,"])
+@pytest.mark.parametrize("line", ["HCHDG,,,,,", "HCHDG,60.0,2.5,,,", "HCHDG,north,,,,", "GPHDT,,T"])
 def test_headings_that_are_none_are_counted(tmp_path: Path, line: str) -> None:
     read = sailed(tmp_path, sentence(line))
-    assert "heading" not in read.sensors
+    assert set(read.sensors) == {"gnss"}
     assert Counter(r.sensor for r in read.rejections) == {"heading": 6}
 
 
