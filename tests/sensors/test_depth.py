@@ -33,6 +33,12 @@ def test_while_it_is_silent_the_vehicle_may_dive(at_s: float, dived_s: float) ->
     assert sigma[0] == pytest.approx(np.hypot(SIGMA_M, DIVING_M_S * dived_s))
 
 
+def test_near_the_edge_of_a_gap_it_is_as_sure_as_ever() -> None:
+    t = np.concatenate([np.arange(10.0, 21.0), np.arange(40.0, 51.0)])
+    _, sigma = depths_at(gauge(t), np.array([20.9, 39.1]))
+    np.testing.assert_allclose(sigma, SIGMA_M)
+
+
 def test_a_single_reading_tells_its_own_moment() -> None:
     depth_m, sigma = depths_at(gauge(np.array([10.0])), np.array([10.0, 13.0]))
     np.testing.assert_allclose(depth_m, 1.0)

@@ -110,3 +110,4 @@ def test_spells_of_water_lock_last_until_the_bottom_is_back() -> None:
     spells = water_spells([dvl(bottom)], LIMIT_S)
     np.testing.assert_array_equal(spells, [[20.0, 34.0], [40.0, 59.0]])
     assert water_spells([dvl(np.ones(9, dtype=bool))], LIMIT_S).shape == (0, 2)
+    np.testing.assert_array_equal(water_spells([dvl(lost(60, (1, 60)))], LIMIT_S), [[1.0, 59.0]])
