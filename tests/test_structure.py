@@ -145,7 +145,8 @@ def test_public_names_stay_what_they_are() -> None:
 @pytest.mark.parametrize("package", ["sensors", "registration", "sonar", "evaluation"])
 def test_data_of_the_estimation_core_is_frozen(package: str) -> None:
     for path in sorted((PACKAGE / package).glob("*.py")):
-        module = import_module(".".join(path.relative_to(ROOT).with_suffix("").parts))
+        parts = path.relative_to(ROOT).with_suffix("").parts
+        module = import_module(".".join(parts).removesuffix(".__init__"))
         for name, data in vars(module).items():
             if isinstance(data, type) and is_dataclass(data):
                 assert data.__dataclass_params__.frozen, f"{module.__name__}.{name}"

@@ -204,6 +204,17 @@ def test_points_that_are_certain_are_told() -> None:
     assert "singular" in match.failure
 
 
+@pytest.mark.parametrize("function", [register, register_readable])
+def test_three_points_are_enough(function: object) -> None:
+    assert callable(function)
+    points, q = np.array([[8.0, 1.0], [-3.0, 7.0], [-5.0, -6.0]]), np.array([0.2, -0.1, 0.02])
+    match = function(
+        scan_of(points), scan_of(seen_from(points, q)), np.zeros(3), PRIOR_COV, NO_FLOOR
+    )
+    assert match.ok
+    np.testing.assert_allclose(match.q, q, atol=1e-3)
+
+
 def test_yaw_is_wrapped() -> None:
     points = np.random.default_rng(5).uniform(-12, 12, size=(30, 2))
     q = np.array([0.2, 0.1, np.pi - 0.01])

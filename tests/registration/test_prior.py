@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gtsam_nav.registration.prior import PRIOR_CAP, PRIOR_FLOOR, looked_around
+from gtsam_nav.registration.prior import looked_around
 
 
 def test_a_prior_in_between_stays_what_it_is() -> None:
@@ -15,7 +15,9 @@ def test_a_prior_in_between_stays_what_it_is() -> None:
 
 def test_sharp_priors_are_widened_and_vague_ones_narrowed() -> None:
     R = np.array([[1.0, 0.6, 0.0], [0.6, 1.0, -0.3], [0.0, -0.3, 1.0]])
-    sigma = np.array([1e-3, 50.0, 1e-4])
-    expected = np.array([PRIOR_FLOOR[0], PRIOR_CAP[1], PRIOR_FLOOR[2]])
-    found = looked_around(R * np.outer(sigma, sigma))
-    np.testing.assert_allclose(found, R * np.outer(expected, expected))
+    for sigma, expected in (
+        ([1e-3, 50.0, 1e-4], [0.3, 4.0, np.radians(2.0)]),
+        ([50.0, 1e-3, 3.0], [4.0, 0.3, np.radians(20.0)]),
+    ):
+        found = looked_around(R * np.outer(sigma, sigma))
+        np.testing.assert_allclose(found, R * np.outer(expected, expected))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gtsam_nav.frames import Array
+from gtsam_nav.registration._pic_information import information, pulls
 from gtsam_nav.registration.pic import register
 from gtsam_nav.registration.response import response
 from gtsam_nav.registration.settings import PicSettings
@@ -71,3 +72,49 @@ def test_along_a_corridor_no_match_answers() -> None:
     ahead[:, 0] = 1.0
     for answer in response(scan, scan, np.zeros(3), ahead, ahead, SETTINGS):
         np.testing.assert_allclose(answer, 0.0, atol=1e-6)
+
+
+def test_pulls_are_those_of_the_information() -> None:
+    """Of echoes far from each other, whose neighbours are no wall: what a point tells is J' w W J,
+    and the first two columns of J are those of the unit matrix."""
+    rng = np.random.default_rng(3)
+    turn = planar_rotations(Q[2])
+    places = 20.0 * np.stack(np.meshgrid(np.arange(4), np.arange(3)), axis=-1).reshape(-1, 2)
+
+    def noisy(xy: Array) -> Scan:
+        root = rng.normal(0.0, 0.3, (len(xy), 2, 2))
+        return Scan(0.0, xy, root @ root.mT + 0.01 * np.eye(2))
+
+    reference = noisy(places)
+    new = noisy((rng.permutation(places) + rng.normal(0.0, 0.1, places.shape) - Q[:2]) @ turn)
+    moved_ref, moved_new = rng.normal(size=(12, 2, 5)), rng.normal(size=(12, 2, 4))
+    limits = SETTINGS.wall_radius_m, SETTINGS.cauchy_k
+    H, by_ref, by_new = pulls(
+        *(reference.xy, reference.cov, new.xy, new.cov), Q, *limits, moved_ref, moved_new
+    )
+    alone = []
+    for k in range(len(new)):
+        told, _ = information(*(reference.xy, reference.cov, new.xy[[k]], new.cov[[k]]), Q, *limits)
+        alone.append(told)
+    partner = np.argmin(
+        np.linalg.norm(reference.xy - (Q[:2] + new.xy @ turn.T)[:, None], axis=2), axis=1
+    )
+    np.testing.assert_allclose(H, np.sum(alone, axis=0))
+    wanted = sum(told[:, :2] @ moved_ref[j] for told, j in zip(alone, partner, strict=True))
+    np.testing.assert_allclose(by_ref, wanted)
+    wanted = sum(-told[:, :2] @ turn @ moved_new[k] for k, told in enumerate(alone))
+    np.testing.assert_allclose(by_new, wanted)
+
+
+def test_walls_lend_pulls_and_information_alike() -> None:
+    reference, new = scan_of(basin()), scan_of((basin() + 0.05 - Q[:2]) @ planar_rotations(Q[2]))
+    scans = reference.xy, reference.cov, new.xy, new.cov
+    limits, none = (SETTINGS.wall_radius_m, SETTINGS.cauchy_k), np.zeros((len(new), 2, 0))
+    found, _, _ = pulls(*scans, Q, *limits, none, none)
+    wanted, _ = information(*scans, Q, *limits)
+    np.testing.assert_array_equal(found, wanted)
+
+
+def test_no_displacement_has_no_answer() -> None:
+    scan, none = scan_of(basin()), np.zeros((240, 2, 0))
+    assert [a.shape for a in response(scan, scan, Q, none, none, SETTINGS)] == [(3, 0), (3, 0)]
