@@ -63,6 +63,21 @@ def test_overconfidence_shows() -> None:
     assert nees.fraction_inside < 0.8
 
 
+def test_the_reference_s_own_noise_counts_along_each_axis() -> None:
+    """The estimate's sigma is 0.3 m, the reference's 0.4 m; the errors are 0.5 m each way."""
+    t = np.arange(2.0)
+    estimate = Trajectory(
+        t=t,
+        p_n=np.tile([0.5, 0.5, 0.0], (2, 1)),
+        q_nb_wxyz=np.tile([1.0, 0, 0, 0], (2, 1)),
+        cov_pose_n=np.tile(0.09 * np.eye(6), (2, 1, 1)),
+    )
+    reference = ReferenceSeries(t=t, p_n=np.zeros((2, 3)), sigma=np.full(2, 0.4))
+    matched = match(estimate, reference)
+    assert matched is not None
+    np.testing.assert_allclose(horizontal_nees(matched), 2.0)
+
+
 def test_the_lever_arm_carries_the_heading_uncertainty() -> None:
     """With a lever of 10 m forward, a heading error of 0.1 rad is 1 m to the east."""
     t = np.arange(3.0)

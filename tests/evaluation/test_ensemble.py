@@ -62,6 +62,22 @@ def test_honest_runs_lie_inside_their_bounds() -> None:
     assert [found["position"].lower95[0], found["position"].upper95[0]] == pytest.approx(expected)
 
 
+def test_velocities_are_judged_axis_by_axis() -> None:
+    reference = truth().series
+    assert isinstance(reference, ReferenceSeries)
+    estimate = Trajectory(
+        t=T,
+        p_n=reference.p_n,
+        q_nb_wxyz=quaternion_from_rpy(np.zeros((len(T), 3))),
+        v_n=V_N + np.tile([0.1, 0.6, 0.0], (len(T), 1)),
+        sigma_v_n=np.tile(SIGMA_V, (len(T), 1)),
+        cov_pose_n=np.tile(np.eye(6), (len(T), 1, 1)),
+    )
+    found = normalised_errors(estimate, truth(), np.arange(1.0, 199.0, 10.0)).values
+    np.testing.assert_allclose(found["velocity_n"], 1.0, rtol=1e-6)
+    np.testing.assert_allclose(found["velocity_e"], 9.0, rtol=1e-6)
+
+
 @pytest.mark.parametrize("claimed", [0.8, 1.3])
 def test_over_and_underconfidence_show(claimed: float) -> None:
     found = ensemble_nees([run(seed, claimed) for seed in range(50)])

@@ -96,7 +96,10 @@ def test_tracks_lie_at_the_antenna_with_the_foremost_first(
     for axis, name in enumerate("ne"):
         np.testing.assert_allclose(unpacked(tracks[0][name]), antenna.p_n[:, axis], atol=0.003)
     assert antenna.sigma_p_n is not None
-    np.testing.assert_allclose(unpacked(tracks[0]["sigma_n"]), antenna.sigma_p_n[:, 0], atol=0.003)
+    for axis, name in enumerate(("sigma_n", "sigma_e")):
+        np.testing.assert_allclose(
+            unpacked(tracks[0][name]), antenna.sigma_p_n[:, axis], atol=0.003
+        )
 
 
 def test_the_page_spans_all_solutions(both: list[Solution]) -> None:
@@ -260,9 +263,13 @@ def test_charts_show_errors_headings_and_biases(
     assert north["band_about_zero"]
     np.testing.assert_allclose(unpacked(north["values"]), history.error_m[:, 0], atol=1e-3)
     np.testing.assert_allclose(unpacked(north["three_sigma"]), 3 * history.sigma_m[:, 0], atol=1e-3)
-    assert [line["name"] for line in charts["graph: heading bias"]["lines"]] == [
-        "compass", "estimate",
-    ]  # fmt: skip
+    compass, estimate = charts["graph: heading bias"]["lines"]
+    assert (compass["name"], estimate["name"]) == ("compass", "estimate")
+    slow = both[1].slow_states
+    assert slow is not None
+    values, sigmas = slow.columns["heading_bias_rad"]
+    np.testing.assert_allclose(unpacked(estimate["values"]), np.degrees(values), atol=0.01)
+    np.testing.assert_allclose(unpacked(estimate["three_sigma"]), np.degrees(3 * sigmas), atol=0.01)
 
 
 def test_scans_come_with_their_beams(both: list[Solution], document: dict[str, Any]) -> None:

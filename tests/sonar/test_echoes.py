@@ -232,6 +232,15 @@ def test_scans_extracted_elsewhere_become_echoes() -> None:
     np.testing.assert_array_equal(later.xy_b, echoes.xy_b)
 
 
+def test_points_of_a_scanner_spread_about_where_it_is() -> None:
+    """5 m abeam of the scanner: a bearing's error lies along the vehicle."""
+    series = ScanSeries(t=np.array([0.0]), first=np.array([0, 1]), points_b=np.array([[3.0, 6.0]]))
+    noise = {"sigma_range_m": 0.1, "sigma_bearing_deg": 2.0}
+    scanner = Sensor("s", "scans", series, xyz_b=np.array([3.0, 1.0, 0.0]), noise=noise)
+    (cov,) = echoes_of_scans(scanner).cov_b
+    np.testing.assert_allclose(cov, np.diag([(5.0 * np.radians(2.0)) ** 2, 0.1**2]), atol=1e-12)
+
+
 def test_mirrored_echoes_exchange_port_and_starboard() -> None:
     points, cov = np.array([[3.0, 4.0], [6.0, -8.0]]), np.array([[4.0, 1.0], [1.0, 2.0]])
     echoes = Echoes(np.zeros(2), np.arange(2), points, np.tile(cov, (2, 1, 1)), np.ones(2))
