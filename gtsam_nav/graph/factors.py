@@ -191,13 +191,16 @@ def increment(
 
 def turn(a: int, b: int, R_ab: Array, precision: float) -> Any:
     """Yaw from keyframe a to b, and nothing else."""
-    noise = precisions([0, 0, precision, *[0] * 6])
-    return gtsam.BetweenFactorNavState(a, b, nav_state(R_ab, np.zeros(3), np.zeros(3)), noise)
+    return _rotation(a, b, R_ab, [0, 0, precision])
 
 
 def tilting(a: int, b: int, R_ab: Array, precision: float) -> Any:
     """Roll and pitch from keyframe a to b, and nothing else."""
-    noise = precisions([precision, precision, *[0] * 7])
+    return _rotation(a, b, R_ab, [precision, precision, 0])
+
+
+def _rotation(a: int, b: int, R_ab: Array, about_axes: list[float]) -> Any:
+    noise = precisions([*about_axes, *[0] * 6])
     return gtsam.BetweenFactorNavState(a, b, nav_state(R_ab, np.zeros(3), np.zeros(3)), noise)
 
 

@@ -253,9 +253,7 @@ def cloud_odometry(
         rejections=tuple(rejections),
         warnings=(
             *_on_twins(mission),
-            *_on_times(sensor.name, n_timeless),
-            *_on_gaps(sensor.name, odometry.n_gaps),
-            *_on_misfits(sensor.name, odometry.map - odometry.n_gaps),
+            *_on_clouds(sensor.name, n_timeless, odometry),
         ),
     )
 
@@ -271,32 +269,25 @@ def _too_few(t: list[float], rejections: list[Rejection], settings: KissSettings
     return f"fewer than two clouds can be used{why}"
 
 
-def _on_times(sensor_name: str, n_timeless: int) -> tuple[str, ...]:
-    """What is said of clouds whose points all claim the same time."""
-    if not n_timeless:
-        return ()
-    return (
-        f"sensor '{sensor_name}': the times of the points tell nothing in {n_timeless} clouds (all"
-        " the same): nothing takes the motion out of these",
-    )
-
-
-def _on_gaps(sensor_name: str, n_gaps: int) -> tuple[str, ...]:
-    if not n_gaps:
-        return ()
-    return (
-        f"sensor '{sensor_name}': after {n_gaps} of its gaps the clouds do not fit onto those"
-        " before: the motion over these is a guess",
-    )
-
-
-def _on_misfits(sensor_name: str, n_misfits: int) -> tuple[str, ...]:
-    if not n_misfits:
-        return ()
-    return (
-        f"sensor '{sensor_name}': no fit of {n_misfits} of its clouds onto those before, without a"
-        " gap (they may be too far apart or too sparse): the motion to these is a guess",
-    )
+def _on_clouds(sensor_name: str, n_timeless: int, odometry: KissOdometry) -> Iterator[str]:
+    """What is said of clouds whose points all claim the same time, or that fit onto none before."""
+    if n_timeless:
+        yield (
+            f"sensor '{sensor_name}': the times of the points tell nothing in {n_timeless} clouds"
+            " (all the same): nothing takes the motion out of these"
+        )
+    if odometry.n_gaps:
+        yield (
+            f"sensor '{sensor_name}': after {odometry.n_gaps} of its gaps the clouds do not fit"
+            " onto those before: the motion over these is a guess"
+        )
+    n_misfits = odometry.map - odometry.n_gaps
+    if n_misfits:
+        yield (
+            f"sensor '{sensor_name}': no fit of {n_misfits} of its clouds onto those before,"
+            " without a gap (they may be too far apart or too sparse): the motion to these is a"
+            " guess"
+        )
 
 
 def _on_twins(mission: Mission) -> Iterator[str]:

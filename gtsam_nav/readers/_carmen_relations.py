@@ -12,7 +12,7 @@ import numpy as np
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Relations
-from gtsam_nav.series import IntArray
+from gtsam_nav.readers._clock import nearest_of
 
 ENDING = ".relations"
 SAME_S = 0.01
@@ -42,7 +42,7 @@ def read_relations(path: Path, sensor: str, stamps: Array) -> tuple[Relations | 
     if rows.shape[1] != 8 or not np.all(np.isfinite(rows)):
         raise DataError("a relation is eight numbers: t1 t2 x y z roll pitch yaw", path)
     t = np.sort(rows[:, :2], axis=1)
-    known = np.all(np.abs(stamps[_nearest(stamps, t)] - t) < SAME_S, axis=1)
+    known = np.all(np.abs(stamps[nearest_of(stamps, t)] - t) < SAME_S, axis=1)
     known &= rows[:, 0] < rows[:, 1]
     lost = int(np.sum(~known))
     warning = f"{path.name}: {lost} of {len(t)} relations are of no two scans" if lost else ""
@@ -51,8 +51,3 @@ def read_relations(path: Path, sensor: str, stamps: Array) -> tuple[Relations | 
     # y to starboard and yaw clockwise
     q = rows[known][:, [2, 3, 7]] * [1.0, -1.0, -1.0]
     return Relations(sensor, t[known], q), warning
-
-
-def _nearest(stamps: Array, wanted: Array) -> IntArray:
-    """Indices of the stamps nearest to those wanted."""
-    return np.asarray(np.searchsorted(0.5 * (stamps[1:] + stamps[:-1]), wanted))

@@ -13,7 +13,7 @@ from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.pose_edges import EDGES
 from gtsam_nav.preprocess.cleaning import CLOCK_JUMP_S, main_stretch
-from gtsam_nav.series import BoolArray
+from gtsam_nav.series import BoolArray, IntArray
 
 log = logging.getLogger(__name__)
 
@@ -161,3 +161,8 @@ def _doubled_epoch(start_utc: float | None, zero: float) -> list[str]:
 def _why_not(mission: Mission) -> str:
     dropped = [f"{sensor}: {n} x {reason}" for (sensor, reason), n in mission.dropped.items()]
     return " ".join([*mission.warnings, "Dropped:", "; ".join(dropped) or "nothing"])
+
+
+def nearest_of(stamps: Array, t: Array) -> IntArray:
+    """Index of the rising stamp nearest to each time; of two as near, the earlier."""
+    return np.asarray(np.searchsorted(0.5 * (stamps[1:] + stamps[:-1]), t))

@@ -15,11 +15,12 @@ from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, Origin
 from gtsam_nav.mission import Rejection, Sensor
 from gtsam_nav.preprocess.cleaning import tidy
+from gtsam_nav.readers._clock import nearest_of
 from gtsam_nav.readers._gnss import Fixes
 from gtsam_nav.readers._nmea_sentences import TRUE, SentenceLog, Told
 from gtsam_nav.sensors.declination import declination_deg
 from gtsam_nav.sensors.noise import DvlNoise, GnssNoise, HeadingNoise
-from gtsam_nav.series import BoolArray, DvlSeries, HeadingSeries, IntArray
+from gtsam_nav.series import BoolArray, DvlSeries, HeadingSeries
 
 SAME_EPOCH_S = 1.0
 """A velocity goes with a fix, and a heading with both, that is no further away in time."""
@@ -79,13 +80,13 @@ def compass(log: SentenceLog, noise: HeadingNoise, origin: Origin | None) -> Fou
             )
             return Found(told=(*said, left_out))
         described = {"magnetic": True}
-    figures, many = _once_a_time(told, "headings")
+    kept, many = _once_a_time(told, "headings")
     columns = {
-        "t": log.t[[heading.time for heading in figures]],
-        "heading": np.array([heading.value for heading in figures]),
-        "sigma": np.full(len(figures), np.radians(noise.sigma_deg)),
+        "t": log.t[[heading.time for heading in kept]],
+        "heading": np.array([heading.value for heading in kept]),
+        "sigma": np.full(len(kept), np.radians(noise.sigma_deg)),
     }
-    refused = _refused(columns["t"], figures)
+    refused = _refused(columns["t"], kept)
     series, rejections = tidy(HeadingSeries, "heading", columns, refused=refused)
     sensor = Sensor("heading", "heading", series, noise=described) if series else None
     return Found(sensor, rejections, (*said, *many), is_true and sensor is not None)
@@ -104,11 +105,12 @@ def _unknown_declination(log: SentenceLog, origin: Origin | None) -> str:
     return ""
 
 
-def water_log(log: SentenceLog, noise: DvlNoise, fixes: Fixes | None) -> Found:
+def water_log(log: SentenceLog, figures: Mapping[str, Any], fixes: Fixes | None) -> Found:
     """The speed log: none where its wheel does not turn though the fixes move."""
+    noise = DvlNoise.model_validate({**GATE, **figures})
     address, told, said = _richest(log.water_speeds)
-    figures, many = _once_a_time(told, "speeds through the water")
-    speeds = [speed for speed in figures if not speed.reason]
+    kept, many = _once_a_time(told, "speeds through the water")
+    speeds = [speed for speed in kept if not speed.reason]
     if not any(speed.value for speed in speeds):
         none = f"no speed but 0 in {len(told)} sentences of a speed log ({address}): left out"
         return Found(told=(*said, none) if told else ())
@@ -117,17 +119,17 @@ def water_log(log: SentenceLog, noise: DvlNoise, fixes: Fixes | None) -> Found:
         still = f"the speed log ({address}) stands still at {fouled:.0%} of the times at which"
         return Found(told=(*said, f"{still} the fixes make over {UNDER_WAY_M_S} m/s: left out"))
     columns = {
-        "t": log.t[[speed.time for speed in figures]],
-        "v_d": np.array([speed.value for speed in figures])[:, None] * [1.0, 0.0, 0.0],
-        "sigma": np.full(len(figures), noise.sigma_m_s),
-        "valid": np.ones(len(figures)),
-        "bottom_lock": np.zeros(len(figures)),
+        "t": log.t[[speed.time for speed in kept]],
+        "v_d": np.array([speed.value for speed in kept])[:, None] * [1.0, 0.0, 0.0],
+        "sigma": np.full(len(kept), noise.sigma_m_s),
+        "valid": np.ones(len(kept)),
+        "bottom_lock": np.zeros(len(kept)),
     }
     series, rejections = tidy(
         DvlSeries,
         "log",
         columns,
-        refused=_refused(columns["t"], figures),
+        refused=_refused(columns["t"], kept),
         max_speed_m_s=noise.max_speed_m_s,
     )
     described = {**GATE, "scale_sigma": LOG_SCALE_SIGMA}
@@ -222,10 +224,3 @@ def by_reason(reasons: Sequence[str]) -> dict[str, BoolArray]:
     """Which samples are refused, by reason."""
     listed = np.array(reasons, dtype=object)
     return {reason: listed == reason for reason in sorted({*reasons} - {""})}
-
-
-def nearest_of(stamps: Array, t: Array) -> IntArray:
-    """Index of the sorted stamp nearest to each time."""
-    after = np.minimum(np.searchsorted(stamps, t), len(stamps) - 1)
-    before = np.maximum(after - 1, 0)
-    return np.where(np.abs(t - stamps[before]) <= np.abs(t - stamps[after]), before, after)

@@ -32,22 +32,20 @@ import numpy as np
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, Origin
 from gtsam_nav.mission import Mission, Sensor
-from gtsam_nav.readers._clock import on_mission_time
+from gtsam_nav.readers._clock import nearest_of, on_mission_time
 from gtsam_nav.readers._figures import NO_FIGURES, Figures
 from gtsam_nav.readers._gnss import NO_HEIGHTS, Fixes, without_heights
 from gtsam_nav.readers._nmea_sentences import KINDS, SENTENCE, STAND_ALONE, SentenceLog
 from gtsam_nav.readers._nmea_vessel import (
-    GATE,
     SAME_EPOCH_S,
     Found,
     by_reason,
     compass,
-    nearest_of,
     speed_over_ground,
     water_log,
 )
 from gtsam_nav.readers._text import first_lines, said_of_end, stream_lines
-from gtsam_nav.sensors.noise import DvlNoise, GnssNoise, HeadingNoise
+from gtsam_nav.sensors.noise import GnssNoise, HeadingNoise
 from gtsam_nav.solution import Progress, no_progress
 
 NAME = "NMEA 0183 log"
@@ -106,7 +104,7 @@ def _sensors(log: SentenceLog, figures: Figures) -> tuple[Origin | None, list[Fo
     fixes, told = _fixes(log, noise) if log.fixes else (None, ())
     origin = fixes.first_usable() if fixes is not None else None
     heading = compass(log, HeadingNoise.model_validate(figures.get("heading", {})), origin)
-    by_water = water_log(log, DvlNoise.model_validate({**GATE, **figures.get("log", {})}), fixes)
+    by_water = water_log(log, figures.get("log", {}), fixes)
     if fixes is None:
         return origin, [heading, by_water]
     speed = Found()
