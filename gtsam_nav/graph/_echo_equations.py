@@ -33,8 +33,27 @@ def squared_residuals(
 
 
 @numba.njit(cache=True, error_model="numpy")
+def outward_residuals(i: IntArray, j: IntArray, xy: Array, vehicle: Array, normal: Array) -> Array:
+    """Of echoes i on the walls of j: how far they lie beyond these, seen from where i was heard.
+
+    Parameters
+    ----------
+    xy, vehicle, normal : ndarray, shape (k, 2)
+        Of each echo: its place, the vehicle's, and the normal of its wall.
+    """
+    out = np.empty(len(i))
+    for m in range(len(i)):
+        a, b = i[m], j[m]
+        nx, ny = normal[b, 0], normal[b, 1]
+        out[m] = nx * (xy[a, 0] - xy[b, 0]) + ny * (xy[a, 1] - xy[b, 1])
+        if nx * (xy[a, 0] - vehicle[a, 0]) + ny * (xy[a, 1] - vehicle[a, 1]) < 0.0:
+            out[m] = -out[m]
+    return out
+
+
+@numba.njit(cache=True, error_model="numpy")
 def correlation_excess(
-    residual: Array, normal: Array, run: IntArray, clip: float, max_lag: int
+    residual: Array, normal: Array, echo: IntArray, run: IntArray, clip: float, max_lag: int
 ) -> float:
     """How many times more the mean of a run of residuals varies than if they were independent.
 
@@ -43,10 +62,12 @@ def correlation_excess(
 
     Parameters
     ----------
-    residual, normal : ndarray, shapes (m,) and (m, 2)
-        In the order of their runs.
-    run : ndarray of int, shape (m,)
-        Which run each belongs to.
+    residual : ndarray, shape (m,)
+        Run by run, in each in the order of its echoes.
+    normal : ndarray, shape (k, 2)
+        Of all echoes.
+    echo, run : ndarray of int, shape (m,)
+        Of each residual.
     clip : float
         Residuals count no further than this.
     """
@@ -57,15 +78,17 @@ def correlation_excess(
         variance += clipped[m] * clipped[m]
     if variance <= 0.0:
         return 1.0
-    excess = 1.0
-    for lag in range(1, max_lag + 1):
-        total = 0.0
-        for m in range(len(clipped) - lag):
+    totals = np.zeros(max_lag)
+    for m in range(len(clipped)):
+        nx, ny = normal[echo[m], 0], normal[echo[m], 1]
+        for lag in range(1, min(max_lag, len(clipped) - 1 - m) + 1):
             if run[m] != run[m + lag]:
-                continue
-            along = normal[m, 0] * normal[m + lag, 0] + normal[m, 1] * normal[m + lag, 1]
+                break
+            along = nx * normal[echo[m + lag], 0] + ny * normal[echo[m + lag], 1]
             if abs(along) > 0.95:
-                total += clipped[m] * clipped[m + lag]
+                totals[lag - 1] += clipped[m] * clipped[m + lag]
+    excess = 1.0
+    for total in totals:
         excess += 2.0 * max(total / variance, 0.0)
     return excess
 

@@ -15,6 +15,55 @@ MOST_AROUND = 1000
 """Echoes around one that tell what surrounds it."""
 
 
+@numba.njit(cache=True, error_model="numpy")
+def carried_by_knots(
+    corrections: Array,
+    knot_ne: Array,
+    knot: IntArray,
+    fraction: Array,
+    ne: Array,
+    yaw: Array,
+    xy_b: Array,
+    cov_b: Array,
+) -> tuple[Array, Array, Array]:
+    """Places of echoes, their arms from their two knots, and covariances, in n.
+
+    Parameters
+    ----------
+    corrections : ndarray, shape (m, 3)
+        Where each knot lies, and by how much it is turned from the motion.
+    knot_ne : ndarray, shape (m, 2)
+        Where the motion has the knots.
+    knot, fraction : ndarray, shape (k,)
+        The knot before each echo, and the fraction of the interval to the next.
+    ne, yaw : ndarray, shapes (k, 2) and (k,)
+        Where the motion has the vehicle when each echo is heard.
+    xy_b, cov_b : ndarray, shapes (k, 2) and (k, 2, 2)
+    """
+    n = len(knot)
+    xy, arms, cov = np.zeros((n, 2)), np.empty((n, 2, 2)), np.empty((n, 2, 2))
+    for e in range(n):
+        f = fraction[e]
+        first, turns = knot[e], corrections[knot[e] : knot[e] + 2, 2]
+        heading = yaw[e] + (1.0 - f) * turns[0] + f * turns[1]
+        c, s = math.cos(heading), math.sin(heading)
+        bx, by = c * xy_b[e, 0] - s * xy_b[e, 1], s * xy_b[e, 0] + c * xy_b[e, 1]
+        for end in range(2):
+            k, share = first + end, f if end == 1 else 1.0 - f
+            px, py = ne[e, 0] - knot_ne[k, 0], ne[e, 1] - knot_ne[k, 1]
+            ct, st = math.cos(turns[end]), math.sin(turns[end])
+            arms[e, end, 0] = ct * px - st * py + bx
+            arms[e, end, 1] = st * px + ct * py + by
+            xy[e, 0] += share * (corrections[k, 0] + arms[e, end, 0])
+            xy[e, 1] += share * (corrections[k, 1] + arms[e, end, 1])
+        sxx, sxy, syy = cov_b[e, 0, 0], cov_b[e, 0, 1], cov_b[e, 1, 1]
+        cov[e, 0, 0] = c * c * sxx - 2.0 * c * s * sxy + s * s * syy
+        cov[e, 0, 1] = c * s * (sxx - syy) + (c * c - s * s) * sxy
+        cov[e, 1, 0] = cov[e, 0, 1]
+        cov[e, 1, 1] = s * s * sxx + 2.0 * c * s * sxy + c * c * syy
+    return xy, arms, cov
+
+
 class ByX(NamedTuple):
     """Echoes of each scan in the order of their north coordinate: neighbours lie in a window.
 
@@ -178,61 +227,103 @@ def partners(
     Returns
     -------
     i, j : ndarray of int, shape (m,)
-        Pairs of echoes, scans' pair by scans' pair.
+        Pairs of echoes, scans' pair by scans' pair: first i of the one in order, then of the other.
     first : ndarray of int, shape (p + 1,)
         Where each pair of scans begins.
     """
-    order, x, y, scan_first = by_x
+    scan_first = by_x.scan_first
+    seekers = _by_kind(by_x, normal, is_line, eligible)
     longest = np.max(scan_first[1:] - scan_first[:-1])
-    best = np.empty((2, longest), np.int64)
-    best_d2 = np.empty((2, longest))
+    nearest_a, nearest_b = np.empty(longest, np.int64), np.empty(longest, np.int64)
     first = np.zeros(len(scans) + 1, np.int64)
     out_i, out_j = np.empty(1024, np.int64), np.empty(1024, np.int64)
     count = 0
     for p in range(len(scans)):
-        a0, a1 = scan_first[scans[p, 0]], scan_first[scans[p, 0] + 1]
-        b0, b1 = scan_first[scans[p, 1]], scan_first[scans[p, 1] + 1]
-        best[:] = -1
-        best_d2[:] = gate * gate
-        low = b0
-        for u in range(a0, a1):
-            i = order[u]
-            if not eligible[i]:
-                continue
-            while low < b1 and x[low] <= x[u] - gate:
-                low += 1
-            for v in range(low, b1):
-                if x[v] >= x[u] + gate:
-                    break
-                dx, dy = x[v] - x[u], y[v] - y[u]
-                d2 = dx * dx + dy * dy
-                if d2 >= best_d2[0, u - a0] and d2 >= best_d2[1, v - b0]:
-                    continue
-                j = order[v]
-                if not eligible[j] or is_line[i] != is_line[j]:
-                    continue
-                along = normal[i, 0] * normal[j, 0] + normal[i, 1] * normal[j, 1]
-                if is_line[i] and abs(along) < 0.9:
-                    continue
-                if d2 < best_d2[0, u - a0]:
-                    best[0, u - a0], best_d2[0, u - a0] = v, d2
-                if d2 < best_d2[1, v - b0]:
-                    best[1, v - b0], best_d2[1, v - b0] = u, d2
-        if count + a1 - a0 + b1 - b0 > len(out_i):
+        a, b = scans[p]
+        a0, b0 = scan_first[a], scan_first[b]
+        n_a, n_b = scan_first[a + 1] - a0, scan_first[b + 1] - b0
+        nearest_a[:n_a], nearest_b[:n_b] = -1, -1
+        for kind in range(2):
+            _find_nearest(seekers, 2 * a + kind, 2 * b + kind, gate, nearest_a, a0)
+            _find_nearest(seekers, 2 * b + kind, 2 * a + kind, gate, nearest_b, b0)
+        if count + n_a + n_b > len(out_i):
             longer = 2 * len(out_i) + 2 * longest
             out_i, out_j = _lengthened(out_i, longer), _lengthened(out_j, longer)
-        for u in range(a0, a1):
-            v = best[0, u - a0]
-            if v >= 0 and (is_line[order[u]] or best[1, v - b0] == u):
-                out_i[count], out_j[count] = order[u], order[v]
+        for k in range(n_a):
+            j = nearest_a[k]
+            if j >= 0 and (is_line[a0 + k] or nearest_b[j - b0] == a0 + k):
+                out_i[count], out_j[count] = a0 + k, j
                 count += 1
-        for v in range(b0, b1):
-            u = best[1, v - b0]
-            if u >= 0 and (is_line[order[v]] or best[0, u - a0] == v):
-                out_i[count], out_j[count] = order[v], order[u]
+        for k in range(n_b):
+            j = nearest_b[k]
+            if j >= 0 and (is_line[b0 + k] or nearest_a[j - a0] == b0 + k):
+                out_i[count], out_j[count] = b0 + k, j
                 count += 1
         first[p + 1] = count
     return out_i[:count].copy(), out_j[:count].copy(), first
+
+
+class _ByKind(NamedTuple):
+    """Eligible echoes that may pair, side by side in the order of their north coordinate.
+
+    Those of scan s on walls are ``first[2 s] <= u < first[2 s + 1]``, its others those up to
+    ``first[2 s + 2]``; each has a place and its wall's normal.
+    """
+
+    echo: IntArray
+    x: Array
+    y: Array
+    nx: Array
+    ny: Array
+    first: IntArray
+
+
+@numba.njit(cache=True)
+def _by_kind(by_x: ByX, normal: Array, is_line: BoolArray, eligible: BoolArray) -> _ByKind:
+    order, x, y, scan_first = by_x
+    n, n_scans = int(np.sum(eligible)), len(scan_first) - 1
+    echo = np.empty(n, np.int64)
+    out_x, out_y, nx, ny = np.empty(n), np.empty(n), np.zeros(n), np.zeros(n)
+    first = np.zeros(2 * n_scans + 1, np.int64)
+    count = 0
+    for s in range(n_scans):
+        for kind in range(2):
+            for u in range(scan_first[s], scan_first[s + 1]):
+                i = order[u]
+                if eligible[i] and is_line[i] == (kind == 0):
+                    echo[count], out_x[count], out_y[count] = i, x[u], y[u]
+                    nx[count], ny[count] = normal[i]
+                    count += 1
+            first[2 * s + kind + 1] = count
+    return _ByKind(echo, out_x, out_y, nx, ny, first)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _find_nearest(
+    seekers: _ByKind, own: int, other: int, gate: float, nearest: IntArray, offset: int
+) -> None:
+    """Of each echo of one group the nearest of the other, from its own north coordinate outwards:
+    as far as the nearest so far, no matter how wide the gate is."""
+    echo, x, y, nx, ny, first = seekers
+    begin, end = first[other], first[other + 1]
+    walls = own % 2 == 0
+    at = begin
+    for u in range(first[own], first[own + 1]):
+        while at < end and x[at] < x[u]:
+            at += 1
+        least, found = gate * gate, -1
+        for step in (1, -1):
+            v = at if step > 0 else at - 1
+            while begin <= v < end:
+                dx, dy = x[v] - x[u], y[v] - y[u]
+                if dx * dx >= least:
+                    break
+                d2 = dx * dx + dy * dy
+                if d2 < least and (not walls or abs(nx[u] * nx[v] + ny[u] * ny[v]) >= 0.9):
+                    least, found = d2, v
+                v += step
+        if found >= 0:
+            nearest[echo[u] - offset] = echo[found]
 
 
 @numba.njit(cache=True)

@@ -26,7 +26,7 @@ from gtsam_nav.graph.settings import RefinementSettings
 from gtsam_nav.series import BoolArray, IntArray
 from gtsam_nav.solution import Progress
 from gtsam_nav.sonar.echoes import Echoes
-from gtsam_nav.sonar.scans import Turns, planar_rotations
+from gtsam_nav.sonar.scans import Turns
 
 if TYPE_CHECKING:
     from gtsam_nav.graph._echo_kernel import ByX
@@ -46,8 +46,10 @@ MAX_STEPS = 25
 """Without a sonar; reweighed least squares under a kernel takes its time."""
 CONVERGED_STEP = 1e-3
 ALL_BUT_LINEAR = np.array([0.1, 0.1, np.radians(0.3)])
-"""Steps of a knot (n, e, yaw) beyond which sensors are linearised, and walls and pairs of scans
-found anew: what is bent within is less than a millimetre."""
+"""Steps of a knot (n, e, yaw) beyond which walls are found anew, and sensors linearised: what is
+bent within is less than a millimetre."""
+STILL_ON_THE_WAY = 10.0 * ALL_BUT_LINEAR
+"""Sensors are good for so much, and the pairs of scans, while knots move further than that."""
 MAX_KNOT_SPACING_S = 20.0
 """Where scans are further apart, the keyframes between them are knots too."""
 
@@ -103,11 +105,10 @@ class Refined:
     converged: bool
 
 
-class _Surroundings(NamedTuple):
-    """Scans to be compared; of each echo the normal of its wall (k, 2), whether it lies on one,
-    and whether it may have partners."""
+class _Walls(NamedTuple):
+    """Of each echo the normal of its wall (k, 2), whether it lies on one, and whether it may have
+    partners."""
 
-    pairs: ScanPairs
     normal: Array
     is_line: BoolArray
     eligible: BoolArray
@@ -187,6 +188,7 @@ class JointRefinement:
         gate, count, settled = s.first_gate_m, 0, False
         posterior: JointPosterior | None = None
         system: KnotSystem | None = None
+        walls: _Walls | None = None
         while not settled and count < s.max_iterations:
             posterior = None  # its fronts make room for pairs of echoes, and these for the next
             origin = self._planar_of(values)
@@ -194,37 +196,41 @@ class JointRefinement:
             by_x = sorted_by_x(placed.xy, self.scan, self.scan_first)
             if system is None:
                 # the sensors anew after a turn of the whole track: linear, it would stretch it
-                surroundings = self._surroundings(origin, placed.xy, by_x)
+                pairs = self._nearby(origin)
                 keyframes = self.knots.keyframes
-                touching = surroundings.pairs.touching
-                system = KnotSystem(graph, values, keyframes, self.problem, touching)
+                system = KnotSystem(graph, values, keyframes, self.problem, pairs.touching)
                 before = np.zeros((len(keyframes), 3))
-            A, gradient = self._normal_equations(origin, placed, by_x, surroundings, gate)
+                walls = None
+            if walls is None:
+                walls, walls_at = self._walls(placed.xy, by_x), before
+            A, gradient = self._normal_equations(origin, placed, by_x, pairs, walls, gate)
             del placed, by_x
             posterior = system.with_sonar(A, gradient, before)
             values = posterior.moved()
+            is_linear = bool(np.all(np.abs(before) <= ALL_BUT_LINEAR))
             moved = np.max(np.abs(posterior.planar - before)[:, :2], axis=1)
             before = posterior.planar
             largest, knot = float(np.max(moved)), int(np.argmax(moved))
             log.debug("refinement: largest step %.3f m at knot %d", largest, knot)
-            still = largest < s.converged_m
+            still = is_linear and largest < s.converged_m
             settled = still and gate <= s.last_gate_m
             gate = max(gate * s.gate_factor, s.last_gate_m)
             if still and not settled:  # a wider gate has nothing left to bring in
                 gate, self._rounds = s.last_gate_m, 0
             count += 1
-            if np.any(np.abs(before) > ALL_BUT_LINEAR):
+            arriving = largest < ALL_BUT_LINEAR[0]
+            if np.any(np.abs(before) > (ALL_BUT_LINEAR if arriving else STILL_ON_THE_WAY)):
                 system = None
+            if np.any(np.abs(before - walls_at) > ALL_BUT_LINEAR):
+                walls = None
             progress("refinement", count / s.max_iterations)
         progress("refinement", 1.0)
         log.info("joint refinement: %d iterations, converged: %s", count, settled)
         assert posterior is not None  # nobody calls this for no iteration
         return Refined(values, posterior, count, settled)
 
-    def _surroundings(self, knots: Array, xy: Array, by_x: ByX) -> _Surroundings:
-        """What the scans show of each other, their echoes lying at (k, 2) by the knots' poses."""
-        from gtsam_nav.graph._echo_kernel import fixed_points, grid, local_lines
-
+    def _nearby(self, knots: Array) -> ScanPairs:
+        """Scans to be compared, by the knots' poses."""
         s = self.settings
         near = nearby_scans(
             knots[self._scan_knot, :2],
@@ -232,10 +238,16 @@ class JointRefinement:
             s.neighbour_radius_m,
             s.max_neighbours,
         )
+        return ScanPairs(near, self.knots.knot, self.scan_first, len(knots))
+
+    def _walls(self, xy: Array, by_x: ByX) -> _Walls:
+        """What surrounds the echoes where they lie, (k, 2)."""
+        from gtsam_nav.graph._echo_kernel import fixed_points, grid, local_lines
+
+        s = self.settings
         normal, is_line = local_lines(by_x, s.line_radius_m, s.line_thickness_m)
         fixes = fixed_points(xy, grid(xy, s.point_radius_m), normal, is_line, s.point_radius_m)
-        pairs = ScanPairs(near, self.knots.knot, self.scan_first, len(knots))
-        return _Surroundings(pairs, normal, is_line, is_line | fixes)
+        return _Walls(normal, is_line, is_line | fixes)
 
     def _planar_of(self, values: Any) -> Array:
         """North, east and yaw of the knots, yaw unwrapped beside the motion's; shape (m, 3)."""
@@ -250,7 +262,8 @@ class JointRefinement:
         knots: Array,
         placed: PlacedEchoes,
         by_x: ByX,
-        surroundings: _Surroundings,
+        pairs: ScanPairs,
+        walls: _Walls,
         gate: float,
     ) -> tuple[Any, Array]:
         """Sonar's information on the knots, sparse (3m, 3m), and the gradient (3m,) there."""
@@ -258,7 +271,7 @@ class JointRefinement:
         from gtsam_nav.graph._echo_kernel import partners
 
         xy, cov = placed.xy, placed.cov
-        pairs, normal, is_line, eligible = surroundings
+        normal, is_line, eligible = walls
         i, j, first = partners(pairs.scans, by_x, gate, normal, is_line, eligible)
         i, j, first = self._keep_trusted_points(i, j, first, is_line)
         weight = self._weights(i, squared_residuals(i, j, xy, cov, normal, is_line), is_line)
@@ -275,19 +288,21 @@ class JointRefinement:
         Each of the two knots carries the motion's path to the echo along, turned by its own
         correction; the echo lies between the two by its fraction of the interval.
         """
-        k, f = self.knots.knot, self.knots.fraction[:, None]
+        from gtsam_nav.graph._echo_kernel import carried_by_knots
+
+        fraction = self.knots.fraction
         turn = knots[:, 2] - self._knot_yaw
-        yaw = self._yaw + (1 - f[:, 0]) * turn[k] + f[:, 0] * turn[k + 1]
-        B = planar_rotations(yaw)
-        from_vehicle = np.einsum("kij,kj->ki", B, self.xy_b)
-        arms = np.empty((len(k), 2, 2))
-        for end in (0, 1):
-            path = self._ne - self._knot_ne[k + end]
-            arms[:, end] = np.einsum("kij,kj->ki", planar_rotations(turn[k + end]), path)
-        arms += from_vehicle[:, None]
-        xy = (1 - f) * (knots[k, :2] + arms[:, 0]) + f * (knots[k + 1, :2] + arms[:, 1])
-        cov = B @ self.cov_b @ np.swapaxes(B, 1, 2)
-        return PlacedEchoes(xy, arms, cov, self.knots.fraction)
+        xy, arms, cov = carried_by_knots(
+            np.column_stack([knots[:, :2], turn]),
+            self._knot_ne,
+            self.knots.knot,
+            fraction,
+            self._ne,
+            self._yaw,
+            self.xy_b,
+            self.cov_b,
+        )
+        return PlacedEchoes(xy, arms, cov, fraction)
 
     def _keep_trusted_points(
         self, i: IntArray, j: IntArray, first: IntArray, is_line: BoolArray
@@ -301,17 +316,12 @@ class JointRefinement:
 
     def _weights(self, i: IntArray, d2: Array, is_line: BoolArray) -> Array:
         """Cauchy weights in units of the spread found, shared among an echo's many partners."""
-        weight = np.empty(len(d2))
-        for kind in (True, False):
-            these = is_line[i] == kind
-            if not np.any(these):
-                continue
-            median = CHI2_MEDIAN_1_DOF if kind else CHI2_MEDIAN_2_DOF / 2
-            spread2 = max(LEAST_SPREAD2, float(np.median(d2[these])) / median)
-            scaled = d2[these] / spread2
-            weight[these] = 1.0 / (1.0 + scaled / self.settings.cauchy_k**2) / spread2
+        on_wall = is_line[i]
+        across = _spread2(d2[on_wall], CHI2_MEDIAN_1_DOF)
+        in_plane = _spread2(d2[~on_wall], CHI2_MEDIAN_2_DOF / 2)
+        spread2 = np.where(on_wall, across, in_plane)
         visits = np.bincount(i, minlength=len(self.scan)) + 1
-        return np.asarray(weight / visits[i])
+        return np.asarray(1.0 / ((spread2 + d2 / self.settings.cauchy_k**2) * visits[i]))
 
     def _shared_error(
         self, i: IntArray, j: IntArray, xy: Array, vehicle: Array, normal: Array, is_line: BoolArray
@@ -321,18 +331,24 @@ class JointRefinement:
         Motion within the scan and the beam's shape displace neighbouring echoes alike; this many
         of them are worth one independent echo.
         """
-        from gtsam_nav.graph._echo_equations import correlation_excess
+        from gtsam_nav.graph._echo_equations import correlation_excess, outward_residuals
 
-        walls = np.flatnonzero(is_line[i])
-        if len(walls) == 0:
+        walls = is_line[i]
+        i, j = i[walls], j[walls]
+        if len(i) == 0:
             return 1.0
-        run = self.scan[i[walls]] * len(vehicle) + self.scan[j[walls]]
-        some = run % -(-len(walls) // MOST_RESIDUALS) == 0
-        walls, run = walls[some], run[some]
-        order = walls[np.lexsort((i[walls], run))]
-        a, b = i[order], j[order]
-        outward = xy[a] - vehicle[self.scan[a]]
-        side = np.sign(np.einsum("ki,ki->k", normal[b], outward))[:, None]
-        residual = np.einsum("ki,ki->k", side * normal[b], xy[a] - xy[b])
+        run = self.scan[i] * len(vehicle) + self.scan[j]
+        every = -(-len(run) // MOST_RESIDUALS)
+        if every > 1:
+            some = run % every == 0
+            i, j, run = i[some], j[some], run[some]
+        residual = outward_residuals(i, j, xy, vehicle[self.scan], normal)
         clip = 3.0 * 1.4826 * float(np.median(np.abs(residual)))
-        return float(correlation_excess(residual, normal[a], np.sort(run), clip, MAX_LAG))
+        return float(correlation_excess(residual, normal, i, run, clip, MAX_LAG))
+
+
+def _spread2(d2: Array, expected_median: float) -> float:
+    """By how much squared residuals are larger than their stated noise makes them."""
+    if len(d2) == 0:
+        return 1.0
+    return max(LEAST_SPREAD2, float(np.median(d2)) / expected_median)

@@ -9,10 +9,15 @@ import numpy as np
 import pytest
 
 from gtsam_nav.frames import Array
-from gtsam_nav.graph._echo_equations import squared_residuals
+from gtsam_nav.graph._echo_equations import (
+    correlation_excess,
+    outward_residuals,
+    squared_residuals,
+)
 from gtsam_nav.graph._echo_kernel import (
     MOST_AROUND,
     ByX,
+    carried_by_knots,
     fixed_points,
     grid,
     kept,
@@ -150,6 +155,29 @@ def test_moving_everything_together_costs_nothing(seed: int) -> None:
     assert np.trace(A) > 1.0
 
 
+def test_echoes_are_carried_by_their_two_knots() -> None:
+    rng = np.random.default_rng(0)
+    knot, fraction = np.array([0, 0, 1, 2, 2]), np.array([0.0, 0.3, 1.0, 0.5, 0.9])
+    corrections, knot_ne = rng.normal(size=(4, 3)), rng.normal(size=(4, 2))
+    ne, yaw, xy_b = rng.normal(size=(5, 2)), rng.normal(size=5), rng.normal(size=(5, 2))
+    root = rng.normal(size=(5, 2, 2))
+    cov_b = root @ np.swapaxes(root, 1, 2)
+
+    turns = np.stack([corrections[knot, 2], corrections[knot + 1, 2]], axis=1)
+    share = np.stack([1.0 - fraction, fraction], axis=1)
+    B = planar_rotations(yaw + np.sum(share * turns, axis=1))
+    ends = np.stack([knot, knot + 1], axis=1)
+    paths = planar_rotations(turns) @ (ne[:, None] - knot_ne[ends])[..., None]
+    from_vehicle = B @ xy_b[..., None]
+    arms_wanted = (paths + from_vehicle[:, None])[..., 0]
+    xy_wanted = np.sum(share[..., None] * (corrections[ends, :2] + arms_wanted), axis=1)
+
+    xy, arms, cov = carried_by_knots(corrections, knot_ne, knot, fraction, ne, yaw, xy_b, cov_b)
+    np.testing.assert_allclose(xy, xy_wanted, atol=1e-12)
+    np.testing.assert_allclose(arms, arms_wanted, atol=1e-12)
+    np.testing.assert_allclose(cov, B @ cov_b @ np.swapaxes(B, 1, 2), atol=1e-12)
+
+
 def one_scan(xy: Array) -> ByX:
     return sorted_by_x(xy, np.zeros(len(xy), dtype=int), np.array([0, len(xy)]))
 
@@ -184,7 +212,9 @@ def paired(
         np.ones(len(xy), dtype=bool),
     )
     every = list(zip(i.tolist(), j.tolist(), strict=True))
-    return [sorted(every[a:b]) for a, b in itertools.pairwise(first.tolist())]
+    found = [every[a:b] for a, b in itertools.pairwise(first.tolist())]
+    assert all(pairs == sorted(pairs) for pairs in found)  # runs of residuals rely on it
+    return found
 
 
 def test_partners_are_the_nearest_of_the_other_scan() -> None:
@@ -277,3 +307,39 @@ def test_squared_residuals_of_walls_and_points() -> None:
     np.testing.assert_allclose(on_wall, (n @ e) ** 2 / (n @ S @ n))
     off_wall = squared_residuals(i, j, xy, cov, normal, np.array([False, False]))
     np.testing.assert_allclose(off_wall, 0.5 * e @ np.linalg.solve(S, e))
+
+
+def test_residuals_grow_outwards_however_normals_point() -> None:
+    """Two echoes a decimetre behind a wall at 5 m north, one before it."""
+    xy = np.array([[5.0, 0.0], [5.1, 1.0], [4.9, 2.0], [5.0, 3.0]])
+    vehicle, normal = np.zeros((4, 2)), np.array([[1.0, 0.0], [-1.0, 0.0], [1.0, 0.0], [-1.0, 0.0]])
+    i, j = np.array([1, 2, 1, 2]), np.array([0, 0, 3, 3])
+    found = outward_residuals(i, j, xy, vehicle, normal)
+    np.testing.assert_allclose(found, [0.1, -0.1, 0.1, -0.1])
+    beyond = outward_residuals(i, j, xy, np.full((4, 2), 9.0), normal)
+    np.testing.assert_allclose(beyond, -found)
+
+
+def excess_by_definition(r: Array, normal: Array, run: IntArray, clip: float, lags: int) -> float:
+    r = np.clip(r, -clip, clip)
+    excess = 1.0
+    for lag in range(1, lags + 1):
+        along = np.abs(np.sum(normal[:-lag] * normal[lag:], axis=1)) > 0.95
+        likewise = along & (run[:-lag] == run[lag:])
+        excess += 2.0 * max(float(np.sum((r[:-lag] * r[lag:])[likewise]) / np.sum(r**2)), 0.0)
+    return excess
+
+
+def test_what_echoes_err_together_is_told_within_runs_along_one_wall() -> None:
+    rng = np.random.default_rng(1)
+    white = rng.normal(size=3000)
+    r = np.convolve(white, np.ones(5), "same")
+    run, echo = np.repeat(np.arange(100), 30), rng.permutation(3000)
+    direction = rng.choice([0.0, 0.2, 1.5], 3000)
+    normal = np.column_stack([np.cos(direction), np.sin(direction)])
+    found = correlation_excess(r, normal, echo, run, 4.0, 10)
+    assert found == pytest.approx(excess_by_definition(r, normal[echo], run, 4.0, 10))
+    same_wall = np.tile([1.0, 0.0], (3000, 1))
+    assert correlation_excess(r, same_wall, echo, run, np.inf, 10) == pytest.approx(5.0, abs=0.5)
+    assert correlation_excess(white, same_wall, echo, run, np.inf, 3) == pytest.approx(1, abs=0.15)
+    assert correlation_excess(np.zeros(3), same_wall, echo, run, 1.0, 2) == 1.0
