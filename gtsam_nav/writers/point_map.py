@@ -73,12 +73,12 @@ def write_map_image(grid: OccupancyGrid, origin: Origin | None, path: Path) -> N
     Black is occupied, white is free, grey is unknown. The world file is in degrees (WGS-84) where
     there is an origin, else in metres (x east, y north).
     """
-    from matplotlib.image import imsave
+    from PIL import Image
 
     grey = np.full(grid.probability.shape, UNKNOWN, dtype=np.uint8)
     grey[grid.probability < FREE_BELOW] = FREE
     grey[grid.probability > OCCUPIED_ABOVE] = OCCUPIED
-    imsave(path, grey, cmap="gray", vmin=0, vmax=255)
+    Image.fromarray(grey).save(path)
     path.with_suffix(".pgw").write_text(
         _world_file(grid.first_ne, grid.cell_m, origin), encoding="ascii", newline="\n"
     )

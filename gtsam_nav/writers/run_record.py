@@ -24,7 +24,7 @@ from gtsam_nav.solution import Solution
 RECORD = "run.json"
 CONFIG = "config.yaml"
 PACKAGES = (
-    *("gtsam", "numpy", "scipy", "numba", "pymap3d", "pydantic", "pyyaml", "matplotlib"),
+    *("gtsam", "numpy", "scipy", "numba", "pymap3d", "pydantic", "pyyaml", "matplotlib", "pillow"),
     *("rosbags", "kiss-icp", "open3d"),
 )
 """What a result may depend on; those that are not installed are left out."""

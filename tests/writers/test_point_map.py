@@ -65,7 +65,7 @@ def pixels_to_world(path: Path, row_column: Array) -> Array:
 
 def pixels_of(path: Path, grey: int) -> Array:
     """Rows and columns of the pixels of a grey."""
-    return np.argwhere(np.round(255 * imread(path)[:, :, 0]) == grey)
+    return np.argwhere(np.round(255 * imread(path)) == grey)
 
 
 def standing_at(ne: tuple[float, float]) -> Trajectory:
