@@ -111,6 +111,30 @@ def rpy_from_quaternion(q_wxyz: ArrayLike) -> Array:
     return rpy_from_rotation(rotation_from_quaternion(q_wxyz))
 
 
+def slerp(q_a: ArrayLike, q_b: ArrayLike, fraction: ArrayLike) -> Array:
+    """Unit quaternions ``wxyz`` with w >= 0, so far along the shorter arc from a to b.
+
+    Parameters
+    ----------
+    q_a, q_b : array_like, shape (n, 4)
+        Of unit length.
+    fraction : array_like, shape (n,)
+        Of the arc: 0 gives a, 1 gives b.
+
+    Returns
+    -------
+    ndarray, shape (n, 4)
+    """
+    a, b = np.asarray(q_a, dtype=float), np.asarray(q_b, dtype=float)
+    along = np.sum(a * b, axis=1)[:, None]
+    across = np.where(along < 0.0, -1.0, 1.0) * (b - along * a)
+    length = np.linalg.norm(across, axis=1)[:, None]
+    arc = np.asarray(fraction, dtype=float)[:, None] * np.arctan2(length, np.abs(along))
+    # where the two are one there is no way, whatever its direction
+    q = np.cos(arc) * a + np.sin(arc) * across / np.maximum(length, np.finfo(float).tiny)
+    return np.asarray(np.where(q[:, :1] < 0.0, -q, q))
+
+
 def skew(v: ArrayLike) -> Array:
     """Cross-product matrices [v]x, shape (..., 3, 3)."""
     vectors = np.asarray(v, dtype=float)

@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import (
     Array,
-    quaternion_from_rotation,
     rotation_from_quaternion,
     rpy_from_quaternion,
     skew,
+    slerp,
 )
 from gtsam_nav.series import BoolArray, IntArray
 
@@ -187,12 +187,10 @@ class Trajectory:
         ValueError
             Where a time is not covered; see `covers`.
         """
-        from scipy.spatial.transform import Rotation
-
         query = np.asarray(t, dtype=float)
         if not np.all(self.covers(query, max_gap_s)):
             raise ValueError("times outside the trajectory or inside one of its gaps")
-        if not len(query):  # older versions of scipy know no empty set of rotations
+        if not len(query):
             return replace(self.select(slice(0, 0)), keyframe=None)
         i = np.clip(np.searchsorted(self.t, query, side="right") - 1, 0, max(len(self) - 2, 0))
         j = np.minimum(i + 1, len(self) - 1)
@@ -205,15 +203,12 @@ class Trajectory:
             w = a.reshape(-1, *([1] * (values.ndim - 1)))
             return np.asarray((1 - w) * values[i] + w * values[j])
 
-        R_i = Rotation.from_quat(self.q_nb_wxyz[i][:, [1, 2, 3, 0]])
-        R_j = Rotation.from_quat(self.q_nb_wxyz[j][:, [1, 2, 3, 0]])
-        turn = Rotation.from_rotvec(a[:, None] * (R_i.inv() * R_j).as_rotvec())
         p_n = blend(self.p_n)
         assert p_n is not None
         return Trajectory(
             t=query,
             p_n=p_n,
-            q_nb_wxyz=quaternion_from_rotation((R_i * turn).as_matrix()),
+            q_nb_wxyz=slerp(self.q_nb_wxyz[i], self.q_nb_wxyz[j], a),
             v_n=blend(self.v_n),
             cov_pose_n=blend(self.cov_pose_n),
             sigma_v_n=blend(self.sigma_v_n),

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from gtsam_nav.frames import (
     EARTH_RATE_RAD_S,
@@ -26,6 +27,7 @@ from gtsam_nav.frames import (
     rpy_from_quaternion,
     rpy_from_rotation,
     skew,
+    slerp,
     wrap_angle,
 )
 
@@ -95,6 +97,22 @@ def test_a_rotation_survives_its_quaternion(rpy: Array, scale: float) -> None:
     q_wxyz = scale * quaternion_from_rotation(R)
     np.testing.assert_allclose(rotation_from_quaternion(q_wxyz), R, atol=1e-14)
     np.testing.assert_allclose(rotation_from_rpy(rpy_from_quaternion(q_wxyz)), R, atol=1e-14)
+
+
+@given(RPY, RPY, st.floats(0.0, 1.0), st.sampled_from([-1.0, 1.0]))
+def test_the_way_between_two_attitudes_is_that_of_scipy(
+    rpy_a: Array, rpy_b: Array, fraction: float, sign: float
+) -> None:
+    a, b = rotation_from_rpy(rpy_a), rotation_from_rpy(rpy_b)
+    between = Rotation.from_matrix(a.T @ b)
+    assume(between.magnitude() < np.pi - 1e-6)  # there are two ways half a turn
+    wanted = a @ Rotation.from_rotvec(fraction * between.as_rotvec()).as_matrix()
+    q_a, q_b = quaternion_from_rotation(a)[None], sign * quaternion_from_rotation(b)[None]
+    q = slerp(q_a, q_b, [fraction])
+    assert q[0, 0] >= 0.0
+    np.testing.assert_allclose(np.linalg.norm(q), 1.0, atol=1e-12)
+    np.testing.assert_allclose(rotation_from_quaternion(q[0]), wanted, atol=1e-9)
+    np.testing.assert_allclose(np.abs(np.sum(slerp(q_a, q_a, [fraction]) * q_a)), 1.0, atol=1e-12)
 
 
 def test_conversions_take_stacks() -> None:

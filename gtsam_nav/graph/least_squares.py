@@ -15,8 +15,8 @@ from gtsam_nav.graph.backend import first_lines
 
 TOLERANCE = 1e-5
 """Share of the cost: a step that takes less off was the last."""
-LEAST_GAIN = 1e-3
-"""So was one that takes no more off as such: it moved nothing by a twentieth of its sigma, and of
+LEAST_GAIN = 5e-3
+"""So was one that takes no more off as such: it moved nothing by a tenth of its sigma, and of
 Gauss-Newton's steps each leaves far less than it took."""
 MOST_STEPS = 100
 
