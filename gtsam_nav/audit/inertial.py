@@ -10,13 +10,9 @@ from gtsam_nav.audit import fixes
 from gtsam_nav.audit.findings import Finding
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Sensor
+from gtsam_nav.preprocess.accelerometer_units import card_line, median_force, unit_of
 from gtsam_nav.series import ImuSeries
 
-GRAVITY_M_S2 = 9.81
-ACCEL_UNITS = (("g", 1.0), ("m/s^2", GRAVITY_M_S2), ("cm/s^2", 981.0), ("mg", 1000.0))
-"""What the length of the specific force reads at rest in the units that logs come in."""
-
-STANDARD_GRAVITY = 9.80665
 UPRIGHT = 0.9
 """Share of gravity that lies along an axis that counts as vertical."""
 
@@ -51,16 +47,14 @@ def z_is_up(imu: Sensor) -> bool:
 
 
 def _accelerometer_unit(name: str, accel_i: Array) -> Finding:
-    length = float(np.median(np.linalg.norm(accel_i, axis=1)))
-    unit, nominal = min(ACCEL_UNITS, key=lambda choice: abs(np.log(max(length, 1e-9) / choice[1])))
-    read = f"median specific force {length:.4g}"
-    if abs(length / nominal - 1.0) > 0.1:
+    force = median_force(accel_i)
+    unit, read = unit_of(force), f"median specific force {force:.4g}"
+    if unit is None:
         return Finding("accelerometer unit", name, "warning", f"{read} is gravity in no known unit")
     if unit == "m/s^2":
         return Finding("accelerometer unit", name, "ok", f"{read} m/s^2")
-    fix = "accel_unit: g" if unit == "g" else fixes.scale("ax ay az", STANDARD_GRAVITY / nominal)
     message = f"{read}: in {unit}, not in m/s^2"
-    return Finding("accelerometer unit", name, "warning", message, fix)
+    return Finding("accelerometer unit", name, "warning", message, card_line(unit))
 
 
 def _down_share(accel_b: Array) -> Array:
