@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -41,6 +42,16 @@ class Matched:
     def t(self) -> Array:
         """Mission time of the samples, shape (m,), s."""
         return self.reference.t
+
+    @cached_property
+    def yaw(self) -> Array:
+        """Of the estimate, shape (m,), rad."""
+        return self.estimate.rpy[:, 2]
+
+    @cached_property
+    def travelled_m(self) -> Array:
+        """Horizontal distance along the reference; see `distance_m`."""
+        return distance_m(self.reference)
 
 
 def match(

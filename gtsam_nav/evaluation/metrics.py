@@ -14,7 +14,7 @@ from pydantic import TypeAdapter
 
 from gtsam_nav.evaluation.alignment import ALIGNMENTS, Aligned, align
 from gtsam_nav.evaluation.consistency import Consistency, consistency, horizontal_nees
-from gtsam_nav.evaluation.matching import Matched, distance_m, match
+from gtsam_nav.evaluation.matching import Matched, match
 from gtsam_nav.evaluation.relations import RelationScores, relation_scores
 from gtsam_nav.evaluation.relative import relative_error
 from gtsam_nav.evaluation.statistics import (
@@ -272,7 +272,7 @@ def _online_errors(
             MAX_GAP_S,
         )
         return None
-    return _absolute_errors(matched, solution.georeferenced)
+    return _absolute_errors(_alignments(matched), solution.georeferenced)
 
 
 def reference_series(sensor: Sensor) -> ReferenceSeries:
@@ -317,10 +317,11 @@ def evaluate_trajectory(
     if not len(matched.t):
         return TrajectoryMetrics(coverage=matched.coverage)
     nees = horizontal_nees(matched) if georeferenced else None
+    alignments = _alignments(matched)
     return TrajectoryMetrics(
-        ate=_absolute_errors(matched, georeferenced),
+        ate=_absolute_errors(alignments, georeferenced),
         ate_3d=(
-            _absolute_errors(matched, georeferenced, vertical=True)
+            _absolute_errors(alignments, georeferenced, vertical=True)
             if reference.vertical_usable
             else None
         ),
@@ -336,15 +337,20 @@ def evaluate_trajectory(
     )
 
 
+def _alignments(matched: Matched) -> list[Aligned | None]:
+    """In the order of `ALIGNMENTS`."""
+    return [align(matched, name) for name in ALIGNMENTS]
+
+
 def _absolute_errors(
-    matched: Matched, georeferenced: bool, vertical: bool = False
+    alignments: list[Aligned | None], georeferenced: bool, vertical: bool = False
 ) -> AbsoluteErrors:
     def errors(aligned: Aligned) -> Array:
         if vertical:
             return np.asarray(np.linalg.norm(aligned.error_n, axis=1))
         return aligned.horizontal_m
 
-    none, start, se2, se3 = (align(matched, name) for name in ALIGNMENTS)
+    none, start, se2, se3 = alignments
     return AbsoluteErrors(
         none=ErrorStatistics.of(errors(none)) if none and georeferenced else None,
         start=StartStatistics.of(errors(start), stretch_s=start.stretch_s) if start else None,
@@ -356,7 +362,7 @@ def _absolute_errors(
 
 
 def _drift_percent(matched: Matched) -> float | None:
-    distance = float(distance_m(matched.reference)[-1])
+    distance = float(matched.travelled_m[-1])
     if distance == 0.0:
         return None
     last = (matched.estimate.p_n - matched.reference.p_n)[-1, :2]
@@ -366,5 +372,5 @@ def _drift_percent(matched: Matched) -> float | None:
 def _heading_error_deg(matched: Matched) -> ErrorStatistics | None:
     if matched.reference.rpy is None:
         return None
-    error = wrap_angle(matched.estimate.rpy[:, 2] - matched.reference.rpy[:, 2])
+    error = wrap_angle(matched.yaw - matched.reference.rpy[:, 2])
     return ErrorStatistics.of(np.degrees(np.abs(error)))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gtsam_nav.evaluation.alignment import align
-from gtsam_nav.evaluation.matching import Matched, distance_m
+from gtsam_nav.evaluation.matching import Matched
 from gtsam_nav.frames import Array, wrap_angle
 from gtsam_nav.series import IntArray
 
@@ -52,7 +52,7 @@ def relative_error(matched: Matched, segment_m: float | None) -> RelativeError |
     """
     if len(matched.t) < 2:
         return None
-    travelled = distance_m(matched.reference)
+    travelled = matched.travelled_m
     length = travelled[-1] / 10.0 if segment_m is None else segment_m
     end = np.searchsorted(travelled, travelled + length - ROUNDING_M)
     begin = np.flatnonzero(end < len(travelled))
@@ -67,7 +67,7 @@ def relative_error(matched: Matched, segment_m: float | None) -> RelativeError |
         error = _displacement(aligned.p_n, begin, end) - _displacement(reference_ne, begin, end)
         deg_per_m = None
     else:
-        yaw, yaw_reference = matched.estimate.rpy[:, 2], matched.reference.rpy[:, 2]
+        yaw, yaw_reference = matched.yaw, matched.reference.rpy[:, 2]
         error = _displacement(matched.estimate.p_n, begin, end, yaw) - _displacement(
             reference_ne, begin, end, yaw_reference
         )
