@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import TypeAdapter
 
-from gtsam_nav.evaluation.alignment import ALIGNMENTS, Aligned, align
+from gtsam_nav.evaluation.alignment import ALIGNMENTS, Aligned, AlignmentName, align
 from gtsam_nav.evaluation.consistency import Consistency, consistency, horizontal_nees
 from gtsam_nav.evaluation.matching import Matched, match
 from gtsam_nav.evaluation.relations import RelationScores, relation_scores
@@ -272,7 +272,7 @@ def _online_errors(
             MAX_GAP_S,
         )
         return None
-    return _absolute_errors(_alignments(matched), solution.georeferenced)
+    return _absolute_errors(matched, solution.georeferenced)[0]
 
 
 def reference_series(sensor: Sensor) -> ReferenceSeries:
@@ -317,14 +317,10 @@ def evaluate_trajectory(
     if not len(matched.t):
         return TrajectoryMetrics(coverage=matched.coverage)
     nees = horizontal_nees(matched) if georeferenced else None
-    alignments = _alignments(matched)
+    ate, ate_3d = _absolute_errors(matched, georeferenced)
     return TrajectoryMetrics(
-        ate=_absolute_errors(alignments, georeferenced),
-        ate_3d=(
-            _absolute_errors(alignments, georeferenced, vertical=True)
-            if reference.vertical_usable
-            else None
-        ),
+        ate=ate,
+        ate_3d=ate_3d if reference.vertical_usable else None,
         rpe=RelativeErrors(
             per_10_m=relative_error(matched, 10.0),
             per_50_m=relative_error(matched, 50.0),
@@ -337,28 +333,26 @@ def evaluate_trajectory(
     )
 
 
-def _alignments(matched: Matched) -> list[Aligned | None]:
-    """In the order of `ALIGNMENTS`."""
-    return [align(matched, name) for name in ALIGNMENTS]
-
-
 def _absolute_errors(
-    alignments: list[Aligned | None], georeferenced: bool, vertical: bool = False
-) -> AbsoluteErrors:
-    def errors(aligned: Aligned) -> Array:
-        if vertical:
-            return np.asarray(np.linalg.norm(aligned.error_n, axis=1))
-        return aligned.horizontal_m
+    matched: Matched, georeferenced: bool
+) -> tuple[AbsoluteErrors, AbsoluteErrors]:
+    """In the horizontal and in space; those without any alignment only in a common frame."""
+    horizontal, in_space = dict[str, Any](), dict[str, Any]()
+    for name in ALIGNMENTS:
+        aligned = align(matched, name)
+        if aligned is not None and (georeferenced or name != "none"):
+            horizontal[name] = _statistics(name, aligned, aligned.horizontal_m)
+            in_space[name] = _statistics(name, aligned, np.linalg.norm(aligned.error_n, axis=1))
+        del aligned  # of a long mission one at a time
+    return AbsoluteErrors(**horizontal), AbsoluteErrors(**in_space)
 
-    none, start, se2, se3 = alignments
-    return AbsoluteErrors(
-        none=ErrorStatistics.of(errors(none)) if none and georeferenced else None,
-        start=StartStatistics.of(errors(start), stretch_s=start.stretch_s) if start else None,
-        se2=(
-            Se2Statistics.of(errors(se2), determinant=float(np.linalg.det(se2.R))) if se2 else None
-        ),
-        se3=ErrorStatistics.of(errors(se3)) if se3 else None,
-    )
+
+def _statistics(name: AlignmentName, aligned: Aligned, errors: Array) -> ErrorStatistics:
+    if name == "start":
+        return StartStatistics.of(errors, stretch_s=aligned.stretch_s)
+    if name == "se2":
+        return Se2Statistics.of(errors, determinant=float(np.linalg.det(aligned.R)))
+    return ErrorStatistics.of(errors)
 
 
 def _drift_percent(matched: Matched) -> float | None:

@@ -212,13 +212,12 @@ class JointRefinement:
             before = posterior.planar
             largest, knot = float(np.max(moved)), int(np.argmax(moved))
             log.debug("refinement: largest step %.3f m at knot %d", largest, knot)
-            still = is_linear and largest < s.converged_m
-            settled = still and gate <= s.last_gate_m
+            arriving = largest < ALL_BUT_LINEAR[0]
+            settled = is_linear and largest < s.converged_m and gate <= s.last_gate_m
             gate = max(gate * s.gate_factor, s.last_gate_m)
-            if still and not settled:  # a wider gate has nothing left to bring in
+            if arriving and gate > s.last_gate_m:  # a wider one has nothing left to bring in
                 gate, self._rounds = s.last_gate_m, 0
             count += 1
-            arriving = largest < ALL_BUT_LINEAR[0]
             if np.any(np.abs(before) > (ALL_BUT_LINEAR if arriving else STILL_ON_THE_WAY)):
                 system = None
             if np.any(np.abs(before - walls_at) > ALL_BUT_LINEAR):
