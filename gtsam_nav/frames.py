@@ -111,6 +111,13 @@ def rpy_from_quaternion(q_wxyz: ArrayLike) -> Array:
     return rpy_from_rotation(rotation_from_quaternion(q_wxyz))
 
 
+def yaw_from_quaternion(q_wxyz: ArrayLike) -> Array:
+    """Yaw of quaternions ``wxyz`` alone, shape (...,), radians; normalises first."""
+    q = np.asarray(q_wxyz, dtype=float)
+    w, x, y, z = np.moveaxis(q / np.linalg.norm(q, axis=-1, keepdims=True), -1, 0)
+    return np.asarray(np.arctan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z)))
+
+
 def slerp(q_a: ArrayLike, q_b: ArrayLike, fraction: ArrayLike) -> Array:
     """Unit quaternions ``wxyz`` with w >= 0, so far along the shorter arc from a to b.
 

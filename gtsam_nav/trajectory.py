@@ -14,6 +14,7 @@ from gtsam_nav.frames import (
     rpy_from_quaternion,
     skew,
     slerp,
+    yaw_from_quaternion,
 )
 from gtsam_nav.series import BoolArray, IntArray
 
@@ -121,6 +122,11 @@ class Trajectory:
     def rpy(self) -> Array:
         """Roll, pitch, yaw, shape (n, 3), rad."""
         return rpy_from_quaternion(self.q_nb_wxyz)
+
+    @property
+    def yaw(self) -> Array:
+        """Yaw alone, shape (n,), rad."""
+        return yaw_from_quaternion(self.q_nb_wxyz)
 
     @property
     def sigma_p_n(self) -> Array | None:

@@ -29,6 +29,7 @@ from gtsam_nav.frames import (
     skew,
     slerp,
     wrap_angle,
+    yaw_from_quaternion,
 )
 
 ANGLES = st.floats(-np.pi, np.pi)
@@ -113,6 +114,12 @@ def test_the_way_between_two_attitudes_is_that_of_scipy(
     np.testing.assert_allclose(np.linalg.norm(q), 1.0, atol=1e-12)
     np.testing.assert_allclose(rotation_from_quaternion(q[0]), wanted, atol=1e-9)
     np.testing.assert_allclose(np.abs(np.sum(slerp(q_a, q_a, [fraction]) * q_a)), 1.0, atol=1e-12)
+
+
+@given(RPY, st.floats(0.1, 10.0))
+def test_yaw_alone_is_that_of_all_three_angles(rpy: Array, scale: float) -> None:
+    q = scale * quaternion_from_rpy([rpy, -rpy])
+    np.testing.assert_array_equal(yaw_from_quaternion(q), rpy_from_quaternion(q)[:, 2])
 
 
 def test_conversions_take_stacks() -> None:

@@ -109,7 +109,7 @@ def normalised_errors(trajectory: Trajectory, truth: Sensor, t: Array) -> Normal
     assert sigma_rpy is not None
     if len(position) < len(matched.t):
         raise ValueError("the estimate's covariance is singular at some of the times")
-    heading = wrap_angle(estimate.rpy[:, 2] - matched.reference.rpy[:, 2]) / sigma_rpy[:, 2]
+    heading = wrap_angle(estimate.yaw - matched.reference.rpy[:, 2]) / sigma_rpy[:, 2]
     values, dof = {"position": position, "heading": heading**2}, {"position": 2, "heading": 1}
     own = trajectory.interpolate(matched.t)
     if own.v_n is not None and own.sigma_v_n is not None and not np.any(truth.xyz_b):

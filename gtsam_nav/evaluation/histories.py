@@ -106,7 +106,7 @@ def heading_baseline(solutions: Sequence[Solution]) -> tuple[HeadingBaseline, li
     if baseline is not None:
         return baseline, list(solutions)
     chosen = foremost(solutions)
-    yaw = chosen.trajectory.rpy[:, 2]
+    yaw = chosen.trajectory.yaw
     others = [s for s in solutions if s is not chosen]
     return HeadingBaseline(chosen.method, chosen.trajectory.t, yaw), others
 

@@ -46,7 +46,7 @@ class Matched:
     @cached_property
     def yaw(self) -> Array:
         """Of the estimate, shape (m,), rad."""
-        return self.estimate.rpy[:, 2]
+        return self.estimate.yaw
 
     @cached_property
     def travelled_m(self) -> Array:

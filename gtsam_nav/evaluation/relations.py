@@ -77,7 +77,7 @@ def relation_scores(
 def planar_poses(trajectory: Trajectory, t: Array) -> Array:
     """North, east and yaw at given times within a trajectory, shape (n, 3)."""
     ne = [np.interp(t, trajectory.t, axis) for axis in trajectory.p_n[:, :2].T]
-    yaw = np.interp(t, trajectory.t, np.unwrap(trajectory.rpy[:, 2]))
+    yaw = np.interp(t, trajectory.t, np.unwrap(trajectory.yaw))
     return np.column_stack([*ne, yaw])
 
 

@@ -22,7 +22,7 @@ def placed_in_plane(trajectory: Trajectory, t: Array, xy_b: Array) -> Array:
     A scanning sonar's beam has no vertical resolution: what it saw is placed by position and yaw.
     """
     p_n = np.stack([np.interp(t, trajectory.t, c) for c in trajectory.p_n.T], axis=1)
-    yaw = np.interp(t, trajectory.t, np.unwrap(trajectory.rpy[:, 2]))
+    yaw = np.interp(t, trajectory.t, np.unwrap(trajectory.yaw))
     x, y = xy_b.T
     p_n[:, 0] += np.cos(yaw) * x - np.sin(yaw) * y
     p_n[:, 1] += np.sin(yaw) * x + np.cos(yaw) * y
@@ -55,7 +55,7 @@ class PlanarMotion:
         cls, trajectory: Trajectory, position_variance_m2_s: float, yaw_variance_rad2_s: float
     ) -> PlanarMotion:
         """The planar part of a trajectory."""
-        yaw = np.unwrap(trajectory.rpy[:, 2])
+        yaw = np.unwrap(trajectory.yaw)
         return cls(
             trajectory.t, trajectory.p_n[:, :2], yaw, position_variance_m2_s, yaw_variance_rad2_s
         )

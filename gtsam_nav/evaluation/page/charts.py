@@ -93,7 +93,7 @@ def _headings(solutions: Sequence[Solution]) -> Document:
     compass = compass_readings(solutions[0].mission)
     lines = [] if compass is None else [_line("compass", *baseline.less(*compass))]
     lines += [
-        _line(s.method, *baseline.less(s.trajectory.t, s.trajectory.rpy[:, 2]), method=s.method)
+        _line(s.method, *baseline.less(s.trajectory.t, s.trajectory.yaw), method=s.method)
         for s in others
     ]
     return _chart(f"Heading less {baseline.name}'s", "deg", lines)

@@ -63,7 +63,7 @@ def _track(track: Track) -> Document:
     which = every_nth(len(solution.trajectory), MOST_POSES)
     shown = solution.trajectory.select(which)
     turn_deg = math.degrees(math.atan2(track.R[1, 0], track.R[0, 0]))
-    heading_deg = np.degrees(np.unwrap(shown.rpy[:, 2])) + turn_deg
+    heading_deg = np.degrees(np.unwrap(shown.yaw)) + turn_deg
     document = {
         "method": solution.method,
         "note": track.note,

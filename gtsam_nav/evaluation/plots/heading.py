@@ -47,7 +47,7 @@ def heading_errors(solutions: Sequence[Solution]) -> Figure | None:
         _draw_compass(ax, *baseline.less(*compass))
     for solution in others:
         trajectory = solution.trajectory
-        t, error = broken(*baseline.less(trajectory.t, trajectory.rpy[:, 2]))
+        t, error = broken(*baseline.less(trajectory.t, trajectory.yaw))
         ax.plot(
             t, error, color=method_colour(solution.method), linewidth=0.9, label=solution.method
         )
