@@ -132,7 +132,10 @@ def main() -> int:
     ratios: dict[str, float] = {}
     for name in chosen:
         print(f"{name} (load average {os.getloadavg()[0]:.1f})", flush=True)
-        document[name] = known[name]()
+        try:
+            document[name] = known[name]()
+        except ModuleNotFoundError as error:
+            parser.error(f"{name} needs {error.name}, of the extra 'benchmark'")
         show(document[name])
         ratios |= {f"{name}.{k}": v for k, v in document[name].get("ratios", {}).items()}
     if arguments.json:
