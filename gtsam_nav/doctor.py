@@ -15,6 +15,7 @@ PACKAGES = {
     "pydantic": ("pydantic", "settings"),
     "pyyaml": ("yaml", "settings and mission folders"),
     "matplotlib": ("matplotlib", "plots and the report"),
+    "pillow": ("PIL", "the picture of the map"),
     "rich": ("rich", "the command line"),
     "typer": ("typer", "the command line"),
     "distributed": ("distributed", "many missions at once"),

@@ -170,7 +170,7 @@ def estimate(
         For an unknown method, or a fault that the mission cannot have.
     DataError
         Where the mission lacks what the method needs, stamps are in another unit than seconds, or
-        specific forces in another than m/s^2.
+        the specific forces that it integrates in another than m/s^2.
     EstimationError
         Where the estimator fails.
     """
@@ -179,7 +179,6 @@ def estimate(
 
     from gtsam_nav.config import Config
     from gtsam_nav.errors import EstimationError
-    from gtsam_nav.preprocess.accelerometer_units import check_accelerometer_units
     from gtsam_nav.preprocess.gnss_policy import split_fixes
     from gtsam_nav.preprocess.readying import made_ready
     from gtsam_nav.preprocess.stamp_units import check_stamp_units
@@ -187,7 +186,6 @@ def estimate(
 
     check_method(method)
     check_stamp_units(mission)
-    check_accelerometer_units(mission)
     config = config or Config()
     blind, reference, n_withheld = split_fixes(mission, config.gnss)
     blind = replace(blind, relations=None)

@@ -122,6 +122,18 @@ def test_yaw_alone_is_that_of_all_three_angles(rpy: Array, scale: float) -> None
     np.testing.assert_array_equal(yaw_from_quaternion(q), rpy_from_quaternion(q)[:, 2])
 
 
+def test_half_a_turn_goes_either_way_and_no_turn_goes_nowhere() -> None:
+    start = quaternion_from_rpy([[0.1, 0.2, 0.3]] * 3)
+    turned = quaternion_from_rpy([[0.0, 0.0, np.pi], [0.0, 0.0, 1e-9], [0.0, 0.0, 0.0]])
+    level = quaternion_from_rpy(np.zeros((3, 3)))
+    half = rpy_from_quaternion(slerp(level, turned, [0.5, 0.5, 0.5]))
+    np.testing.assert_allclose(np.abs(half[:, 2]), [np.pi / 2, 0.5e-9, 0.0], atol=1e-15)
+    for fraction in (0.0, 0.5, 1.0):
+        along = slerp(start, level, [fraction] * 3)
+        np.testing.assert_allclose(np.linalg.norm(along, axis=1), 1.0)
+    np.testing.assert_allclose(slerp(start, level, [1.0] * 3), level, atol=1e-15)
+
+
 def test_conversions_take_stacks() -> None:
     rpy = np.random.default_rng(0).uniform(-1.5, 1.5, size=(2, 5, 3))
     R, q_wxyz = rotation_from_rpy(rpy), quaternion_from_rpy(rpy)

@@ -31,13 +31,13 @@ LAYERS = (
     {"mission"},
     {"pose_edges"},
     {"series"},
-    {"settings", "frames", "errors", "lazy", "yaml_files"},
+    {"settings", "frames", "errors", "lazy", "yaml_files", "card_lines"},
 )
 """From the top down; a module imports from its own layer or a lower one."""
 
 HEAVY = (
     *("gtsam", "numba", "matplotlib", "scipy", "open3d", "rosbags", "pymap3d", "kiss_icp"),
-    *("dask", "distributed", "pandas", "pyarrow"),
+    *("dask", "distributed", "pandas", "pyarrow", "PIL"),
 )
 LONGEST_MODULE = 450
 LONGEST_FUNCTION = 90

@@ -6,12 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from gtsam_nav.card_lines import scale as scale
 from gtsam_nav.frames import Array, rotation_from_rpy, rpy_from_rotation
-
-
-def scale(columns: str, factor: float) -> str:
-    """Multiply columns of the file, named by words apart."""
-    return f"scale: {{{', '.join(f'{name}: {factor:.7g}' for name in columns.split())}}}"
 
 
 def columns(exchanged: Mapping[str, str]) -> str:

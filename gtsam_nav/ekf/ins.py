@@ -30,6 +30,7 @@ from gtsam_nav.ekf.strapdown import (
 from gtsam_nav.errors import DataError, EstimationError
 from gtsam_nav.frames import Array, rotation_from_quaternion
 from gtsam_nav.mission import Mission, Sensor
+from gtsam_nav.preprocess.accelerometer_units import check_accelerometer_unit
 from gtsam_nav.preprocess.alignment import align
 from gtsam_nav.preprocess.stated_rest import stated_rests
 from gtsam_nav.preprocess.unaided import said_of_drift
@@ -117,6 +118,7 @@ def _imu(mission: Mission) -> Sensor:
             f"mission '{mission.name}': inertial navigation needs an IMU; the mission has:"
             f" {mission.aboard}"
         )
+    check_accelerometer_unit(mission, imu)
     return imu
 
 

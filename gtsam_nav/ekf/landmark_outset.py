@@ -16,6 +16,7 @@ from gtsam_nav.ekf.strapdown import NU, THETA, Strapdown
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array
 from gtsam_nav.mission import Mission, Rejection, Sensor
+from gtsam_nav.preprocess.accelerometer_units import check_accelerometer_unit
 from gtsam_nav.preprocess.alignment import Alignment, align, at_rest
 from gtsam_nav.preprocess.landmark_start import landmark_start
 from gtsam_nav.preprocess.planar_motion import PlanarMotion, planar_motion
@@ -126,6 +127,7 @@ def _local(start: Alignment) -> Alignment:
 
 
 def _inertial(mission: Mission, imu: Sensor, series: LandmarkSeries, config: Config) -> Outset:
+    check_accelerometer_unit(mission, imu)
     begin = align(mission)
     strapdown = Strapdown(imu, mission.origin)
     start = inertial_start(mission, imu, config.motion)

@@ -44,8 +44,8 @@ class Matched:
         return self.reference.t
 
     @cached_property
-    def yaw(self) -> Array:
-        """Of the estimate, shape (m,), rad."""
+    def estimate_yaw(self) -> Array:
+        """Shape (m,), rad."""
         return self.estimate.yaw
 
     @cached_property

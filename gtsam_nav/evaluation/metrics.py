@@ -343,7 +343,7 @@ def _absolute_errors(
         if aligned is not None and (georeferenced or name != "none"):
             horizontal[name] = _statistics(name, aligned, aligned.horizontal_m)
             in_space[name] = _statistics(name, aligned, np.linalg.norm(aligned.error_n, axis=1))
-        del aligned  # of a long mission one at a time
+        del aligned  # memory holds one alignment of a long mission
     return AbsoluteErrors(**horizontal), AbsoluteErrors(**in_space)
 
 
@@ -366,5 +366,5 @@ def _drift_percent(matched: Matched) -> float | None:
 def _heading_error_deg(matched: Matched) -> ErrorStatistics | None:
     if matched.reference.rpy is None:
         return None
-    error = wrap_angle(matched.yaw - matched.reference.rpy[:, 2])
+    error = wrap_angle(matched.estimate_yaw - matched.reference.rpy[:, 2])
     return ErrorStatistics.of(np.degrees(np.abs(error)))

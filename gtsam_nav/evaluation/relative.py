@@ -67,7 +67,7 @@ def relative_error(matched: Matched, segment_m: float | None) -> RelativeError |
         error = _displacement(aligned.p_n, begin, end) - _displacement(reference_ne, begin, end)
         deg_per_m = None
     else:
-        yaw, yaw_reference = matched.yaw, matched.reference.rpy[:, 2]
+        yaw, yaw_reference = matched.estimate_yaw, matched.reference.rpy[:, 2]
         error = _displacement(matched.estimate.p_n, begin, end, yaw) - _displacement(
             reference_ne, begin, end, yaw_reference
         )

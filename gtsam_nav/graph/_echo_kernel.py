@@ -17,45 +17,54 @@ MOST_AROUND = 1000
 
 @numba.njit(cache=True, error_model="numpy")
 def carried_by_knots(
-    corrections: Array,
     knot_ne: Array,
+    turn: Array,
+    motion_knot_ne: Array,
     knot: IntArray,
     fraction: Array,
-    ne: Array,
-    yaw: Array,
+    motion_ne: Array,
+    motion_yaw: Array,
     xy_b: Array,
     cov_b: Array,
 ) -> tuple[Array, Array, Array]:
-    """Places of echoes, their arms from their two knots, and covariances, in n.
+    """Echoes in n by the poses of the two knots between which each is heard.
+
+    Each of the two carries the motion's path to the echo along, turned by its own correction; the
+    echo lies between the two by its fraction of the interval.
 
     Parameters
     ----------
-    corrections : ndarray, shape (m, 3)
-        Where each knot lies, and by how much it is turned from the motion.
-    knot_ne : ndarray, shape (m, 2)
+    knot_ne, turn : ndarray, shapes (m, 2) and (m,)
+        Where the knots lie, and by how much they are turned from the motion, rad.
+    motion_knot_ne : ndarray, shape (m, 2)
         Where the motion has the knots.
     knot, fraction : ndarray, shape (k,)
         The knot before each echo, and the fraction of the interval to the next.
-    ne, yaw : ndarray, shapes (k, 2) and (k,)
+    motion_ne, motion_yaw : ndarray, shapes (k, 2) and (k,)
         Where the motion has the vehicle when each echo is heard.
     xy_b, cov_b : ndarray, shapes (k, 2) and (k, 2, 2)
+
+    Returns
+    -------
+    xy, arms, cov : ndarray, shapes (k, 2), (k, 2, 2) and (k, 2, 2)
+        Places, offsets from the two knots, and covariances.
     """
     n = len(knot)
     xy, arms, cov = np.zeros((n, 2)), np.empty((n, 2, 2)), np.empty((n, 2, 2))
     for e in range(n):
         f = fraction[e]
-        first, turns = knot[e], corrections[knot[e] : knot[e] + 2, 2]
-        heading = yaw[e] + (1.0 - f) * turns[0] + f * turns[1]
+        first = knot[e]
+        heading = motion_yaw[e] + (1.0 - f) * turn[first] + f * turn[first + 1]
         c, s = math.cos(heading), math.sin(heading)
         bx, by = c * xy_b[e, 0] - s * xy_b[e, 1], s * xy_b[e, 0] + c * xy_b[e, 1]
         for end in range(2):
             k, share = first + end, f if end == 1 else 1.0 - f
-            px, py = ne[e, 0] - knot_ne[k, 0], ne[e, 1] - knot_ne[k, 1]
-            ct, st = math.cos(turns[end]), math.sin(turns[end])
+            px, py = motion_ne[e, 0] - motion_knot_ne[k, 0], motion_ne[e, 1] - motion_knot_ne[k, 1]
+            ct, st = math.cos(turn[k]), math.sin(turn[k])
             arms[e, end, 0] = ct * px - st * py + bx
             arms[e, end, 1] = st * px + ct * py + by
-            xy[e, 0] += share * (corrections[k, 0] + arms[e, end, 0])
-            xy[e, 1] += share * (corrections[k, 1] + arms[e, end, 1])
+            xy[e, 0] += share * (knot_ne[k, 0] + arms[e, end, 0])
+            xy[e, 1] += share * (knot_ne[k, 1] + arms[e, end, 1])
         sxx, sxy, syy = cov_b[e, 0, 0], cov_b[e, 0, 1], cov_b[e, 1, 1]
         cov[e, 0, 0] = c * c * sxx - 2.0 * c * s * sxy + s * s * syy
         cov[e, 0, 1] = c * s * (sxx - syy) + (c * c - s * s) * sxy
@@ -302,8 +311,8 @@ def _by_kind(by_x: ByX, normal: Array, is_line: BoolArray, eligible: BoolArray) 
 def _find_nearest(
     seekers: _ByKind, own: int, other: int, gate: float, nearest: IntArray, offset: int
 ) -> None:
-    """Of each echo of one group the nearest of the other, from its own north coordinate outwards:
-    as far as the nearest so far, no matter how wide the gate is."""
+    """Of each echo of one group the nearest of the other, sought from its own north coordinate to
+    both sides, no further than the nearest so far."""
     echo, x, y, nx, ny, first = seekers
     begin, end = first[other], first[other + 1]
     walls = own % 2 == 0

@@ -19,6 +19,7 @@ from gtsam_nav.graph.measurements.imu import HABIT_S, own_motion, preintegrable,
 from gtsam_nav.graph.robust import check_sigmas
 from gtsam_nav.graph.taken import twins_taken
 from gtsam_nav.mission import Mission
+from gtsam_nav.preprocess.accelerometer_units import check_accelerometer_unit
 from gtsam_nav.preprocess.alignment import Alignment, align
 from gtsam_nav.preprocess.compass_steps import without_compass_steps
 from gtsam_nav.preprocess.compass_turns import disturbance_walk_rad2_s, turned_by_compass
@@ -99,6 +100,7 @@ def _with_one_imu(mission: Mission, config: Config) -> Mission:
     taken = preintegrable(mission, config.graph.imu_min_rate_hz)
     if taken is None:
         return mission
+    check_accelerometer_unit(mission, taken)
     return mission.without(*(imu.name for imu in mission.of_type("imu") if imu is not taken))
 
 

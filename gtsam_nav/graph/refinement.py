@@ -46,10 +46,12 @@ MAX_STEPS = 25
 """Without a sonar; reweighed least squares under a kernel takes its time."""
 CONVERGED_STEP = 1e-3
 ALL_BUT_LINEAR = np.array([0.1, 0.1, np.radians(0.3)])
-"""Steps of a knot (n, e, yaw) beyond which walls are found anew, and sensors linearised: what is
+"""Ways of a knot (n, e, yaw) beyond which walls are found anew, and sensors linearised: what is
 bent within is less than a millimetre."""
-STILL_ON_THE_WAY = 10.0 * ALL_BUT_LINEAR
-"""Sensors are good for so much, and the pairs of scans, while knots move further than that."""
+ARRIVING_M = 0.1
+"""While a knot steps further, sensors and the choice of scans may be older ..."""
+ON_THE_WAY = 10.0 * ALL_BUT_LINEAR
+"""... by so much: what is bent within is centimetres."""
 MAX_KNOT_SPACING_S = 20.0
 """Where scans are further apart, the keyframes between them are knots too."""
 
@@ -212,13 +214,15 @@ class JointRefinement:
             before = posterior.planar
             largest, knot = float(np.max(moved)), int(np.argmax(moved))
             log.debug("refinement: largest step %.3f m at knot %d", largest, knot)
-            arriving = largest < ALL_BUT_LINEAR[0]
+            arriving = largest < max(ARRIVING_M, s.converged_m)
             settled = is_linear and largest < s.converged_m and gate <= s.last_gate_m
-            gate = max(gate * s.gate_factor, s.last_gate_m)
-            if arriving and gate > s.last_gate_m:  # a wider one has nothing left to bring in
-                gate, self._rounds = s.last_gate_m, 0
+            if gate > s.last_gate_m:
+                # once the knots arrive a wider one has little left to bring in
+                gate = s.last_gate_m if arriving else max(gate * s.gate_factor, s.last_gate_m)
+                if gate == s.last_gate_m:
+                    self._rounds = 0
             count += 1
-            if np.any(np.abs(before) > (ALL_BUT_LINEAR if arriving else STILL_ON_THE_WAY)):
+            if np.any(np.abs(before) > (ALL_BUT_LINEAR if arriving else ON_THE_WAY)):
                 system = None
             if np.any(np.abs(before - walls_at) > ALL_BUT_LINEAR):
                 walls = None
@@ -282,17 +286,13 @@ class JointRefinement:
         return pairs.normal_equations(i, j, first, placed, normal, is_line, weight)
 
     def _place(self, knots: Array) -> PlacedEchoes:
-        """Echoes in the navigation frame, their arms from the knots, and covariances.
-
-        Each of the two knots carries the motion's path to the echo along, turned by its own
-        correction; the echo lies between the two by its fraction of the interval.
-        """
+        """Echoes in the navigation frame, by the knots' poses."""
         from gtsam_nav.graph._echo_kernel import carried_by_knots
 
         fraction = self.knots.fraction
-        turn = knots[:, 2] - self._knot_yaw
         xy, arms, cov = carried_by_knots(
-            np.column_stack([knots[:, :2], turn]),
+            knots[:, :2].copy(),
+            knots[:, 2] - self._knot_yaw,
             self._knot_ne,
             self.knots.knot,
             fraction,

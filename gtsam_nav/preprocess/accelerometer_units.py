@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from gtsam_nav.card_lines import scale
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array
-from gtsam_nav.mission import Mission
+from gtsam_nav.mission import Mission, Sensor
+from gtsam_nav.sensors.noise import G_M_S2
 from gtsam_nav.series import ImuSeries
 
-GRAVITY_M_S2 = 9.80665
-UNITS = {"g": 1.0, "m/s^2": GRAVITY_M_S2, "cm/s^2": 980.665, "mg": 1000.0}
+UNITS = {"g": 1.0, "m/s^2": G_M_S2, "cm/s^2": 100.0 * G_M_S2, "mg": 1000.0}
 """What the length of the specific force reads at rest in the units that logs come in."""
 WITHIN = 0.1
 """The median over an outing is gravity's within this share: nothing falls, or climbs, for long."""
@@ -29,29 +30,26 @@ def unit_of(force: float) -> str | None:
 
 def card_line(unit: str) -> str:
     """What an IMU's card says of samples in another unit than m/s^2."""
-    if unit == "g":
-        return "accel_unit: g"
-    factor = GRAVITY_M_S2 / UNITS[unit]
-    return f"scale: {{{', '.join(f'{axis}: {factor:.7g}' for axis in ('ax', 'ay', 'az'))}}}"
+    return "accel_unit: g" if unit == "g" else scale("ax ay az", G_M_S2 / UNITS[unit])
 
 
-def check_accelerometer_units(mission: Mission) -> None:
-    """Refuse specific forces that are gravity's in another unit: whatever uses them goes astray.
+def check_accelerometer_unit(mission: Mission, imu: Sensor) -> None:
+    """Refuse to integrate specific forces that are gravity's in another unit than m/s^2.
 
     Raises
     ------
     DataError
         Naming the sensor, and the line of its card that mends it.
     """
-    for imu in mission.of_type("imu"):
-        assert isinstance(imu.series, ImuSeries)
-        if not len(imu.series):
-            continue
-        force = median_force(imu.series.accel_i)
-        unit = unit_of(force)
-        if unit not in (None, "m/s^2"):
-            raise DataError(
-                f"mission '{mission.name}', sensor '{imu.name}': its median specific force is "
-                f"{force:.4g}: it is in {unit}, not in m/s^2; in the card: {card_line(unit)}, or "
-                f"leave the sensor out"
-            )
+    assert isinstance(imu.series, ImuSeries)
+    if not len(imu.series):
+        return
+    force = median_force(imu.series.accel_i)
+    unit = unit_of(force)
+    if unit in (None, "m/s^2"):
+        return
+    without = "; or gravity was taken out of it, and it cannot be used" if unit == "g" else ""
+    raise DataError(
+        f"mission '{mission.name}', sensor '{imu.name}': its median specific force is {force:.4g}: "
+        f"it is in {unit}, not in m/s^2; in the card: {card_line(unit)}{without}"
+    )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from gtsam_nav.card_lines import scale
 from gtsam_nav.errors import DataError
 from gtsam_nav.mission import Mission, Sensor
 
@@ -66,5 +67,5 @@ def check_stamp_units(mission: Mission) -> None:
         raise DataError(
             f"mission '{mission.name}', sensor '{name}': "
             f"{in_other_unit(mission.sensors[name], unit)}; "
-            f"in the card: scale: {{t: {UNITS[unit]:g}}}, or leave the sensor out"
+            f"in the card: {scale('t', UNITS[unit])}, or leave the sensor out"
         )

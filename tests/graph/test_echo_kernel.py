@@ -158,21 +158,23 @@ def test_moving_everything_together_costs_nothing(seed: int) -> None:
 def test_echoes_are_carried_by_their_two_knots() -> None:
     rng = np.random.default_rng(0)
     knot, fraction = np.array([0, 0, 1, 2, 2]), np.array([0.0, 0.3, 1.0, 0.5, 0.9])
-    corrections, knot_ne = rng.normal(size=(4, 3)), rng.normal(size=(4, 2))
+    knot_ne, turn, motion_knot_ne = (rng.normal(size=size) for size in ((4, 2), 4, (4, 2)))
     ne, yaw, xy_b = rng.normal(size=(5, 2)), rng.normal(size=5), rng.normal(size=(5, 2))
     root = rng.normal(size=(5, 2, 2))
     cov_b = root @ np.swapaxes(root, 1, 2)
 
-    turns = np.stack([corrections[knot, 2], corrections[knot + 1, 2]], axis=1)
+    turns = np.stack([turn[knot], turn[knot + 1]], axis=1)
     share = np.stack([1.0 - fraction, fraction], axis=1)
     B = planar_rotations(yaw + np.sum(share * turns, axis=1))
     ends = np.stack([knot, knot + 1], axis=1)
-    paths = planar_rotations(turns) @ (ne[:, None] - knot_ne[ends])[..., None]
+    paths = planar_rotations(turns) @ (ne[:, None] - motion_knot_ne[ends])[..., None]
     from_vehicle = B @ xy_b[..., None]
     arms_wanted = (paths + from_vehicle[:, None])[..., 0]
-    xy_wanted = np.sum(share[..., None] * (corrections[ends, :2] + arms_wanted), axis=1)
+    xy_wanted = np.sum(share[..., None] * (knot_ne[ends] + arms_wanted), axis=1)
 
-    xy, arms, cov = carried_by_knots(corrections, knot_ne, knot, fraction, ne, yaw, xy_b, cov_b)
+    xy, arms, cov = carried_by_knots(
+        knot_ne, turn, motion_knot_ne, knot, fraction, ne, yaw, xy_b, cov_b
+    )
     np.testing.assert_allclose(xy, xy_wanted, atol=1e-12)
     np.testing.assert_allclose(arms, arms_wanted, atol=1e-12)
     np.testing.assert_allclose(cov, B @ cov_b @ np.swapaxes(B, 1, 2), atol=1e-12)

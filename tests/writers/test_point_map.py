@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import solutions
-from matplotlib.image import imread
+from PIL import Image
 
 from gtsam_nav.errors import DataError
 from gtsam_nav.frames import Array, ned_from_geodetic
@@ -65,7 +65,9 @@ def pixels_to_world(path: Path, row_column: Array) -> Array:
 
 def pixels_of(path: Path, grey: int) -> Array:
     """Rows and columns of the pixels of a grey."""
-    return np.argwhere(np.round(255 * imread(path)) == grey)
+    with Image.open(path) as picture:
+        assert picture.mode == "L"
+        return np.argwhere(np.asarray(picture) == grey)
 
 
 def standing_at(ne: tuple[float, float]) -> Trajectory:
