@@ -223,7 +223,10 @@ def test_heights_of_fixes_count_from_the_zero_of_a_depth_sensor_that_fell_silent
     as_stated, lifted = (
         estimated(mission.with_sensor(replace(gnss, series=series))) for series in (fixes, higher)
     )
-    np.testing.assert_allclose(lifted.trajectory.p_n, as_stated.trajectory.p_n, atol=0.2)
+    off_m = np.abs(lifted.trajectory.p_n - as_stated.trajectory.p_n)
+    assert np.all(off_m[:, :2] < 0.2)
+    # heights that nothing tells, known to tens of metres, depend on the start by so much
+    assert np.all(off_m[:, 2] < 0.2 + 0.005 * down_sigma(as_stated))
     assert (np.max(down_sigma(as_stated)) < 1.0) == holds
 
 
