@@ -48,8 +48,9 @@ def check_accelerometer_unit(mission: Mission, imu: Sensor) -> None:
     unit = unit_of(force)
     if unit in (None, "m/s^2"):
         return
-    without = "; or gravity was taken out of it, and it cannot be used" if unit == "g" else ""
+    taken_out = " (where gravity was taken out of it, it cannot be used)" if unit == "g" else ""
     raise DataError(
-        f"mission '{mission.name}', sensor '{imu.name}': its median specific force is {force:.4g}: "
-        f"it is in {unit}, not in m/s^2; in the card: {card_line(unit)}{without}"
+        f"mission '{mission.name}', sensor '{imu.name}': its median specific force, {force:.4g}, "
+        f"is gravity in {unit}, not in m/s^2{taken_out}; in the mission's card, under sensors: "
+        f"{imu.name}: {card_line(unit)}"
     )

@@ -67,5 +67,6 @@ def check_stamp_units(mission: Mission) -> None:
         raise DataError(
             f"mission '{mission.name}', sensor '{name}': "
             f"{in_other_unit(mission.sensors[name], unit)}; "
-            f"in the card: {scale('t', UNITS[unit])}, or leave the sensor out"
+            f"in the mission's card, under sensors: {name}: {scale('t', UNITS[unit])}, "
+            "or leave the sensor out"
         )

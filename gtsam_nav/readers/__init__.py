@@ -128,10 +128,13 @@ def open_mission(
             else reader.read(place, progress)
         )
         return replace(with_card(mission, stated, Path(card)), opening=opening)
+    from gtsam_nav.readers._mission_yaml import MISSION_FILE
+
     takers = ", ".join(r.NAME for r in readers() if isinstance(r, DescribingReader))
+    with_own = f", whose card is its {MISSION_FILE}" if (place / MISSION_FILE).is_file() else ""
     raise ConfigError(
         f"{card}: the section 'mission' is for a {takers} and for single files; {place} is a"
-        f" {reader.NAME}"
+        f" {reader.NAME}{with_own}"
     )
 
 

@@ -134,5 +134,6 @@ def test_a_folder_that_describes_itself_takes_no_card(tmp_path: Path) -> None:
     folder = tmp_path / "folder"
     folder.mkdir()
     one_sensor_folder(folder, "depth", "t,depth_m,sigma\n0,1,0.1\n1,2,0.1\n")
-    with pytest.raises(ConfigError, match="'mission' is for a ROS bag, CSV with a card"):
+    with pytest.raises(ConfigError, match="'mission' is for a ROS bag, CSV with a card") as refusal:
         open_mission(folder, card=card(tmp_path, imu=IMU))
+    assert str(refusal.value).endswith("is a mission folder, whose card is its mission.yaml")
