@@ -19,10 +19,10 @@ from pydantic import (
 )
 
 from gtsam_nav.errors import DataError
-from gtsam_nav.frames import Array, rotation_from_rpy
+from gtsam_nav.frames import STANDARD_GRAVITY_M_S2, Array, rotation_from_rpy
 from gtsam_nav.mission import Constraints
 from gtsam_nav.preprocess.repeats import MEASURED
-from gtsam_nav.sensors.noise import G_M_S2, NOISE_MODELS, figure_names
+from gtsam_nav.sensors.noise import NOISE_MODELS, figure_names
 from gtsam_nav.series import SERIES_TYPES
 from gtsam_nav.settings import Settings, first_fault, in_words
 from gtsam_nav.yaml_files import YamlError, read_yaml_file
@@ -165,7 +165,7 @@ class SensorCard(Described):
     @property
     def accel_factor(self) -> float:
         """What turns the file's specific forces into m/s^2."""
-        return G_M_S2 if self.accel_unit == "g" else 1.0
+        return STANDARD_GRAVITY_M_S2 if self.accel_unit == "g" else 1.0
 
     @property
     def time_offset_sigma_s(self) -> float:

@@ -16,6 +16,9 @@ Array = NDArray[np.float64]
 EARTH_RATE_RAD_S = 7.292115e-5
 """WGS-84 Earth rotation rate."""
 
+STANDARD_GRAVITY_M_S2 = 9.80665
+"""The g of datasheets, and gravity of a frame without an origin."""
+
 ENU_FROM_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 """Maps NED coordinates to ENU, and back: the matrix is its own inverse."""
 

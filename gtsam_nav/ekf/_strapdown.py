@@ -13,8 +13,7 @@ import math
 
 import numba
 
-from gtsam_nav.frames import EARTH_RATE_RAD_S, Array
-from gtsam_nav.preprocess.strapdown import STANDARD_GRAVITY_M_S2
+from gtsam_nav.frames import EARTH_RATE_RAD_S, STANDARD_GRAVITY_M_S2, Array
 
 SEMI_MAJOR_M = 6378137.0
 FLATTENING = 1 / 298.257223563

@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gtsam_nav.frames import (
+    STANDARD_GRAVITY_M_S2,
     Array,
     quaternion_from_rpy,
     rpy_from_quaternion,
 )
 
-GRAVITY_M_S2 = 9.80665
 DESCENT_STEP, DESCENT_ROUNDS = 0.25, 3
 """A quarter is Newton's step near the minimum, where gravity's slope in the quaternion is 2."""
 LEVEL_AXES, VERTICAL_AXIS = [0, 1], [2]
@@ -106,7 +106,7 @@ class Ahrs:
         size = float(np.linalg.norm(force_b))
         if size == 0.0:
             return  # free fall has no down
-        sigma = np.hypot(self._sigma_tilt, abs(size / GRAVITY_M_S2 - 1.0))
+        sigma = np.hypot(self._sigma_tilt, abs(size / STANDARD_GRAVITY_M_S2 - 1.0))
         wanted = descend_to_gravity(self.q_nb_wxyz, force_b / size)
         self._fuse(wanted, LEVEL_AXES, float(sigma))
 

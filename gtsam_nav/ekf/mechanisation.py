@@ -17,8 +17,14 @@ from gtsam_nav.ekf._strapdown import (
     HOLD_S,
     SEMI_MAJOR_M,
 )
-from gtsam_nav.frames import Array, earth_rate_n, gravity_m_s2, rotation_from_quaternion, skew
-from gtsam_nav.preprocess.strapdown import STANDARD_GRAVITY_M_S2
+from gtsam_nav.frames import (
+    STANDARD_GRAVITY_M_S2,
+    Array,
+    earth_rate_n,
+    gravity_m_s2,
+    rotation_from_quaternion,
+    skew,
+)
 
 
 @dataclass(frozen=True)

@@ -20,10 +20,10 @@ from functools import cached_property
 import numpy as np
 
 from gtsam_nav.ekf.local_level import LocalLevel, rotation, turned
-from gtsam_nav.frames import Array, Origin
+from gtsam_nav.frames import STANDARD_GRAVITY_M_S2, Array, Origin
 from gtsam_nav.mission import Sensor
 from gtsam_nav.preprocess.rest import spells_of
-from gtsam_nav.preprocess.strapdown import STANDARD_GRAVITY_M_S2, readings_at_origin
+from gtsam_nav.preprocess.strapdown import readings_at_origin
 from gtsam_nav.sensors.noise import ImuNoise
 from gtsam_nav.sensors.orientation import UNMEASURED_TILT_SIGMA_RAD
 from gtsam_nav.sensors.prediction import BodyState

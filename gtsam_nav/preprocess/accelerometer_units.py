@@ -6,12 +6,16 @@ import numpy as np
 
 from gtsam_nav.card_lines import scale
 from gtsam_nav.errors import DataError
-from gtsam_nav.frames import Array
+from gtsam_nav.frames import STANDARD_GRAVITY_M_S2, Array
 from gtsam_nav.mission import Mission, Sensor
-from gtsam_nav.sensors.noise import G_M_S2
 from gtsam_nav.series import ImuSeries
 
-UNITS = {"g": 1.0, "m/s^2": G_M_S2, "cm/s^2": 100.0 * G_M_S2, "mg": 1000.0}
+UNITS = {
+    "g": 1.0,
+    "m/s^2": STANDARD_GRAVITY_M_S2,
+    "cm/s^2": 100.0 * STANDARD_GRAVITY_M_S2,
+    "mg": 1000.0,
+}
 """What the length of the specific force reads at rest in the units that logs come in."""
 WITHIN = 0.1
 """The median over an outing is gravity's within this share: nothing falls, or climbs, for long."""
@@ -30,7 +34,9 @@ def unit_of(force: float) -> str | None:
 
 def card_line(unit: str) -> str:
     """What an IMU's card says of samples in another unit than m/s^2."""
-    return "accel_unit: g" if unit == "g" else scale("ax ay az", G_M_S2 / UNITS[unit])
+    return (
+        "accel_unit: g" if unit == "g" else scale("ax ay az", STANDARD_GRAVITY_M_S2 / UNITS[unit])
+    )
 
 
 def check_accelerometer_unit(mission: Mission, imu: Sensor) -> None:

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gtsam_nav.frames import Array
+from gtsam_nav.frames import STANDARD_GRAVITY_M_S2, Array
 from gtsam_nav.mission import Mission
 from gtsam_nav.preprocess.alignment import align, at_rest
 from gtsam_nav.preprocess.inertial_motion import inertial_motion
 from gtsam_nav.preprocess.landmark_drift import Drift, of_inertia
 from gtsam_nav.preprocess.planar_motion import PlanarMotion
 from gtsam_nav.preprocess.settings import MotionSettings
-from gtsam_nav.sensors.noise import G_M_S2, ImuNoise
+from gtsam_nav.sensors.noise import ImuNoise
 
 LEVELLING_S = 2.0
 """Over which a resting unit's specific force is averaged."""
@@ -64,7 +64,9 @@ def inertial_path(mission: Mission, settings: MotionSettings) -> InertialPath:
         sigma_a = noise.accel_noise_density_m_s2_sqrt_hz / np.sqrt(LEVELLING_S)
     else:
         sigma_v = MOVING_M_S
-        sigma_a = float(np.hypot(noise.accel_bias_sigma_m_s2, G_M_S2 * MOVING_TILT_RAD))
+        sigma_a = float(
+            np.hypot(noise.accel_bias_sigma_m_s2, STANDARD_GRAVITY_M_S2 * MOVING_TILT_RAD)
+        )
     passed_s = path.t - path.t[0]
     white = np.zeros_like(passed_s)
     turned = path.yaw_variance_rad2_s * passed_s

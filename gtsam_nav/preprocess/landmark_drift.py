@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gtsam_nav.frames import Array
+from gtsam_nav.frames import STANDARD_GRAVITY_M_S2, Array
 from gtsam_nav.preprocess.planar_motion import Increments
-from gtsam_nav.sensors.noise import G_M_S2, ImuNoise
+from gtsam_nav.sensors.noise import ImuNoise
 
 STEADY_S = 60.0
 """What a constant error of the gyro adds up to is taken to have done so over this time."""
@@ -81,7 +81,7 @@ def of_inertia(t: Array, course: Array, noise: ImuNoise, sigma_v: float, sigma_a
     transition = np.tile(np.eye(4), (k, 1, 1))
     transition[:, :2, 2:] = dt[:, None, None] * both
     tilting = noise.gyro_noise_density_rad_s_sqrt_hz**2 + STEADY_S * noise.gyro_bias_sigma_rad_s**2
-    walk = noise.accel_bias_walk_m_s3_sqrt_hz**2 + G_M_S2**2 * tilting
+    walk = noise.accel_bias_walk_m_s3_sqrt_hz**2 + STANDARD_GRAVITY_M_S2**2 * tilting
     wander = np.zeros((k, 4, 4))
     wander[:, :2, :2] = (noise.accel_noise_density_m_s2_sqrt_hz**2 * dt)[:, None, None] * both
     wander[:, 2:, 2:] = (walk * dt + (noise.accel_bias_sigma_m_s2 * turned) ** 2)[

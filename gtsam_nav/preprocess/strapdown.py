@@ -11,13 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gtsam_nav.frames import Array, Origin, earth_rate_n, gravity_m_s2
+from gtsam_nav.frames import STANDARD_GRAVITY_M_S2, Array, Origin, earth_rate_n, gravity_m_s2
 from gtsam_nav.mission import Sensor
 from gtsam_nav.preprocess.running_turns import running_turns
 from gtsam_nav.series import ImuSeries
 
-STANDARD_GRAVITY_M_S2 = 9.80665
-"""Gravity of a frame without an origin."""
 EARTH_RADIUS_M = 6.371e6
 ROUNDS = 4
 

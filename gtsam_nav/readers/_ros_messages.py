@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from gtsam_nav.errors import DataError
+from gtsam_nav.frames import STANDARD_GRAVITY_M_S2
 from gtsam_nav.readers._pointcloud2 import NANOSECOND_S, cloud_of_message
 from gtsam_nav.readers._ros_card import BagSensor
 
 UNKNOWN_VARIANCE = 1e5
-STANDARD_GRAVITY_M_S2 = 9.80665
 NO_FIX = "no fix"
 
 Sample = dict[str, Any]

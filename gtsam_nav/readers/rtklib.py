@@ -19,7 +19,7 @@ import numpy as np
 
 from gtsam_nav.cards import Card, load_card
 from gtsam_nav.errors import DataError
-from gtsam_nav.frames import Origin
+from gtsam_nav.frames import STANDARD_GRAVITY_M_S2, Origin
 from gtsam_nav.mission import Mission, Rejection, Sensor
 from gtsam_nav.preprocess.cleaning import tidy
 from gtsam_nav.readers._clock import on_mission_time
@@ -39,7 +39,6 @@ EXPECTS = (
 
 POS, CSV, TAG = (".pos", ".pos.gz"), (".csv", ".csv.gz"), ".csv.tag"
 IMU_COLUMNS = ("ax", "ay", "az", "gx", "gy", "gz", "t")
-STANDARD_GRAVITY_M_S2 = 9.80665
 
 Cleaned = tuple[Series | None, list[Rejection]]
 

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from pydantic import Field, model_validator
 
+from gtsam_nav.frames import STANDARD_GRAVITY_M_S2
 from gtsam_nav.settings import Settings
 
 SQRT_HOUR_S = 60.0
-G_M_S2 = 9.80665
 _RAD = np.pi / 180.0
 
 DATASHEET_UNITS: dict[str, dict[str, float]] = {
@@ -30,15 +30,15 @@ DATASHEET_UNITS: dict[str, dict[str, float]] = {
         "gyro_bias_sigma_deg_s": _RAD,
     },
     "accel_noise_density_m_s2_sqrt_hz": {
-        "accel_noise_density_ug_sqrt_hz": 1e-6 * G_M_S2,
+        "accel_noise_density_ug_sqrt_hz": 1e-6 * STANDARD_GRAVITY_M_S2,
         "accel_noise_density_m_s_sqrt_h": 1.0 / SQRT_HOUR_S,
     },
     "accel_bias_walk_m_s3_sqrt_hz": {
-        "accel_bias_walk_ug_sqrt_h": 1e-6 * G_M_S2 / SQRT_HOUR_S,
+        "accel_bias_walk_ug_sqrt_h": 1e-6 * STANDARD_GRAVITY_M_S2 / SQRT_HOUR_S,
     },
     "accel_bias_sigma_m_s2": {
-        "accel_bias_sigma_ug": 1e-6 * G_M_S2,
-        "accel_bias_sigma_mg": 1e-3 * G_M_S2,
+        "accel_bias_sigma_ug": 1e-6 * STANDARD_GRAVITY_M_S2,
+        "accel_bias_sigma_mg": 1e-3 * STANDARD_GRAVITY_M_S2,
     },
 }
 """Names under which a datasheet's figures may stand, and what each unit is in SI."""

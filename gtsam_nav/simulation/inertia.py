@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from gtsam_nav.frames import Array, Origin, earth_rate_n, geodetic_from_ned, gravity_m_s2
+from gtsam_nav.frames import (
+    STANDARD_GRAVITY_M_S2,
+    Array,
+    Origin,
+    earth_rate_n,
+    geodetic_from_ned,
+    gravity_m_s2,
+)
 from gtsam_nav.simulation.motion import Kinematics, to_body
-
-STANDARD_GRAVITY_M_S2 = 9.80665
-"""Gravity of a frame without an origin."""
 
 
 def ideal_imu(
