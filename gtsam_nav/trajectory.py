@@ -196,8 +196,6 @@ class Trajectory:
         query = np.asarray(t, dtype=float)
         if not np.all(self.covers(query, max_gap_s)):
             raise ValueError("times outside the trajectory or inside one of its gaps")
-        if not len(query):
-            return replace(self.select(slice(0, 0)), keyframe=None)
         i = np.clip(np.searchsorted(self.t, query, side="right") - 1, 0, max(len(self) - 2, 0))
         j = np.minimum(i + 1, len(self) - 1)
         dt = self.t[j] - self.t[i]

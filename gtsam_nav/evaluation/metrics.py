@@ -317,10 +317,10 @@ def evaluate_trajectory(
     if not len(matched.t):
         return TrajectoryMetrics(coverage=matched.coverage)
     nees = horizontal_nees(matched) if georeferenced else None
-    ate, ate_3d = _absolute_errors(matched, georeferenced)
+    ate, ate_3d = _absolute_errors(matched, georeferenced, vertical=reference.vertical_usable)
     return TrajectoryMetrics(
         ate=ate,
-        ate_3d=ate_3d if reference.vertical_usable else None,
+        ate_3d=ate_3d,
         rpe=RelativeErrors(
             per_10_m=relative_error(matched, 10.0),
             per_50_m=relative_error(matched, 50.0),
@@ -334,17 +334,18 @@ def evaluate_trajectory(
 
 
 def _absolute_errors(
-    matched: Matched, georeferenced: bool
-) -> tuple[AbsoluteErrors, AbsoluteErrors]:
-    """In the horizontal and in space; those without any alignment only in a common frame."""
+    matched: Matched, georeferenced: bool, vertical: bool = False
+) -> tuple[AbsoluteErrors, AbsoluteErrors | None]:
+    """In the horizontal and, with the vertical, in space; without alignment only in one frame."""
     horizontal, in_space = dict[str, Any](), dict[str, Any]()
     for name in ALIGNMENTS:
         aligned = align(matched, name)
         if aligned is not None and (georeferenced or name != "none"):
             horizontal[name] = _statistics(name, aligned, aligned.horizontal_m)
-            in_space[name] = _statistics(name, aligned, np.linalg.norm(aligned.error_n, axis=1))
+            if vertical:
+                in_space[name] = _statistics(name, aligned, np.linalg.norm(aligned.error_n, axis=1))
         del aligned  # memory holds one alignment of a long mission
-    return AbsoluteErrors(**horizontal), AbsoluteErrors(**in_space)
+    return AbsoluteErrors(**horizontal), AbsoluteErrors(**in_space) if vertical else None
 
 
 def _statistics(name: AlignmentName, aligned: Aligned, errors: Array) -> ErrorStatistics:

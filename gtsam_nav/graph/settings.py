@@ -96,7 +96,7 @@ class RefinementSettings(Settings):
         Scans that each is compared with at most: the nearest of each passage first.
     first_gate_m, last_gate_m, gate_factor : float
         Partners are sought within a distance that shrinks by a factor each iteration, and to the
-        last at once where no keyframe moved further than a decimetre.
+        last at once where no knot moved further than a decimetre, or than ``converged_m``.
     line_radius_m, line_thickness_m : float
         An echo lies on a wall where its neighbours within the radius are thinner than this.
     point_radius_m, min_sightings : float, int

@@ -23,6 +23,7 @@ from gtsam_nav.frames import Array, geodetic_from_ned, rpy_from_rotation
 from gtsam_nav.mission import Constraints, InitialState, LandmarkMap, Mission, Sensor
 from gtsam_nav.pose_edges import PoseEdges
 from gtsam_nav.readers._edge_table import edge_columns
+from gtsam_nav.readers._mission_yaml import MISSION_FILE
 from gtsam_nav.readers._rejections import COLUMNS, REJECTIONS_FILE
 from gtsam_nav.readers.clouds import cloud_table, load
 from gtsam_nav.readers.layout import GEODETIC_COLUMNS, HEIGHT_COLUMN, LAYOUTS, NED_COLUMNS
@@ -37,7 +38,6 @@ from gtsam_nav.writers.atomic import replacing_folder
 from gtsam_nav.writers.tables import EXACT, write_records, write_table
 from gtsam_nav.yaml_files import read_yaml_file
 
-MISSION_FILE = "mission.yaml"
 LANDMARK_MAP, EDGES = "landmark_map", "edges"
 FOLDED_BY_YAML = "\x85\u2028\u2029"
 """Line breaks that would read back as spaces if they were not escaped."""
